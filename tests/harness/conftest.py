@@ -1,6 +1,5 @@
 """Runs of the misbehaving solvers, the command line as a process, and records to judge."""
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,7 +10,7 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.execution.runner import Request, Watcher, run_suite
 from mbsbench.harness.results.store import Loaded
 from mbsbench.harness.suites.suite import parse_suite
 
@@ -42,7 +41,7 @@ def begun_here():
     return lambda: [p for p in psutil.Process().children() if p not in before and p.status() != psutil.STATUS_ZOMBIE]
 
 
-class Silent:
+class Silent(Watcher):
     """A watcher that remembers which runs were run."""
 
     def __init__(self) -> None:
@@ -53,29 +52,18 @@ class Silent:
     def begin(self, folder, total, waiting, unreadable):
         self.set_aside = [u.path.name for u in unreadable]
 
-    def started(self, job):
-        pass
-
     def ended(self, job, record):
         self.ran.append(job.spec.case)
 
-    def warmed(self, times, references):
-        pass
-
     def stopped(self, left, limit):
         self.left = [job.spec.case for job in left]
-
-    def tick(self):
-        pass
 
 
 @pytest.fixture
 def run_text(tmp_path: Path) -> Callable[..., tuple[Loaded, Silent]]:
     """Run the text of a suite in a folder of its own."""
 
-    def run(
-        text: str, *, folder: Path = tmp_path / "run", resume: bool = False, jobs: int = 2
-    ) -> tuple[Loaded, Silent]:
+    def run(text: str, *, folder: Path = tmp_path / "run", resume: bool = False, jobs: int = 2):
         suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
         watcher = Silent()
         return run_suite(Request(suite, folder, jobs, resume), watcher, LocalPool), watcher
@@ -89,9 +77,6 @@ def command(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess]:
 
     def call(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess:
         line = (sys.executable, "-m", "mbsbench.cli", *arguments)
-        environment = dict(os.environ)
-        return subprocess.run(
-            line, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=timeout, check=False
-        )
+        return subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=timeout, check=False)
 
     return call

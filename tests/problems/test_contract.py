@@ -56,6 +56,16 @@ def known(presented: Problem) -> Reference:
     return reference
 
 
+def around(p: Problem, reference: Reference) -> list[States]:
+    """The motion at a few times, and three steps before and after each."""
+    return [reference.states(times(p, reference)[5:36:10] + k * STEP) for k in range(-3, 4)]
+
+
+def rate(name: str, near: list[States]) -> np.ndarray:
+    """Sixth-order differences."""
+    return sum(c * getattr(s, name) for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
+
+
 def times(p: Problem, reference: Reference) -> np.ndarray:
     return np.linspace(0.0, min(p.t_end, reference.horizon), 41)
 
@@ -76,24 +86,17 @@ def test_the_reference_starts_where_the_problem_does(presented: Problem, known: 
 
 
 def test_velocities_are_the_derivative_of_poses(presented: Problem, known: Reference) -> None:
-    """Sixth-order differences of r and R give v and Omega."""
-    t = times(presented, known)[5:36:10]
-    near = [known.states(t + k * STEP) for k in range(-3, 4)]
-    rate = 1.0 + np.max(np.abs(near[3].Omega))
-    r_dot = sum(c * s.r for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
-    R_dot = sum(c * s.R for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
-    assert np.max(np.abs(r_dot - near[3].v)) < 1e-10 * rate
-    assert np.max(np.abs(R_dot - near[3].R @ so3.hat(near[3].Omega))) < 1e-10 * rate
+    near = around(presented, known)
+    turn = 1.0 + np.max(np.abs(near[3].Omega))
+    assert np.max(np.abs(rate("r", near) - near[3].v)) < 1e-10 * turn
+    assert np.max(np.abs(rate("R", near) - near[3].R @ so3.hat(near[3].Omega))) < 1e-10 * turn
 
 
 def test_the_reference_obeys_newton_and_euler(presented: Problem, known: Reference) -> None:
     """m a and J Omega_dot + Omega x J Omega less what is applied are the joints' forces: in the range of A^T."""
-    system = presented.system
-    t = times(presented, known)[5:36:10]
-    near = [known.states(t + k * STEP) for k in range(-3, 4)]
-    v_dot = sum(c * s.v for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
-    W_dot = sum(c * s.Omega for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
-    for k in range(len(t)):
+    system, near = presented.system, around(presented, known)
+    v_dot, W_dot = rate("v", near), rate("Omega", near)
+    for k in range(len(near[3])):
         here = near[3][k]
         force = system.mass[:, None] * v_dot[k]
         momentum = np.einsum("bij,bj->bi", system.inertia, here.Omega)

@@ -11,6 +11,8 @@ from mbsbench.harness.execution.presented import presented
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.reference.computed import computed
 
+from ..problems.test_library import p3
+
 TAKE = ("rkmk_dopri5", "rkmk_dop853", "ida_index1", "ida_index2", "ndf_index1", "radau_index1", "scipy_strong_form")
 ARM = {"gyration": 0.0, "t_end": 1.0}  # a point mass on a massless arm
 LINK = {"support": "link", "t_end": 1.0}
@@ -81,7 +83,7 @@ def test_slender_rods_are_the_limit_of_thin_ones() -> None:
     ends = []
     for axial in (1e-5, 1e-6, 0.0):
         p = make_problem("bricard", {"section": "thin", "axial_inertia": axial, "t_end": 5.0})
-        ends.append(p3(p, solved(p, "rkmk_dop853", 1e-11))[-1])
+        ends.append(p3(p, solved(p, "rkmk_dop853", 1e-11).states))
     far, near = (np.linalg.norm(end - ends[-1]) for end in ends[:2])
     assert np.log10(far / near) == pytest.approx(1.0, abs=1e-2)
     assert far > 1e-7
@@ -97,12 +99,7 @@ def test_slender_rods_make_the_published_curve(solver: str, options: dict) -> No
                2.0: (-0.779947, -0.980636, -0.195841)}  # fmt: skip
     for t, expected in printed.items():
         p = make_problem("bricard", {"section": "thin", "axial_inertia": 0.0, "t_end": t})
-        assert np.max(np.abs(p3(p, solved(p, solver, 1e-9, **options))[-1] - expected)) < 1e-6
-
-
-def p3(p: Problem, out: Trajectory) -> np.ndarray:
-    seen = p.observe(out.states)
-    return np.stack([seen[k] for k in ("P3_x", "P3_y", "P3_z")], axis=-1)
+        assert np.max(np.abs(p3(p, solved(p, solver, 1e-9, **options).states) - expected)) < 1e-6
 
 
 def test_two_routes_of_the_reference_agree_on_slender_rods() -> None:

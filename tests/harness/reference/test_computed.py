@@ -1,7 +1,6 @@
 """Computed references against exact motions and laws; and that a route with an error is found out."""
 
 import multiprocessing
-from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -18,20 +17,9 @@ from mbsbench.harness.reference import orbit
 from mbsbench.harness.reference.computed import computed, is_computable, reference_of
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
-from mbsbench.problems import chain, four_bar_grid
 
+from ...problems.conftest import fresh_references as fresh_references
 from .mechanisms import slider_crank, sprung
-
-
-@pytest.fixture(scope="module", autouse=True)
-def fresh_references(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """What is kept is of this session, and linkages are certified for a second."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(orbit, "FOLDER", tmp_path_factory.mktemp("references"))
-        patch.setattr(chain, "SOUGHT", 1.0)
-        patch.setattr(four_bar_grid, "SOUGHT", 1.0)
-        yield
-
 
 EXACT = {
     "pendulum": ("spherical_pendulum", {"omega_z": 3.0, "t_end": 0.5}),
