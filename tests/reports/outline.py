@@ -29,3 +29,8 @@ class Outline(HTMLParser):
     @property
     def text(self) -> str:
         return "".join(self._text)
+
+    @property
+    def plain(self) -> str:
+        """The text with one blank between words, also where only a tag is."""
+        return " ".join(" ".join(self._text).split())

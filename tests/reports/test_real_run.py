@@ -4,6 +4,8 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.suites.suite import parse_suite
 
+from ..harness.conftest import Silent
+
 SUITE = """
 name = "tiny"
 [[runs]]
@@ -15,17 +17,10 @@ dt = [0.02, 0.01]
 """
 
 
-class Quiet:
-    """Watches nothing."""
-
-    def __getattr__(self, name):
-        return lambda *a, **k: None
-
-
 def test_real_run_has_a_report(tmp_path, capsys):
     """Run, then ``report``: every run has its page, with plots, tables and its command."""
     folder = tmp_path / "run"
-    loaded = run_suite(Request(parse_suite(SUITE, "tiny", "here"), folder, 1), Quiet())
+    loaded = run_suite(Request(parse_suite(SUITE, "tiny", "here"), folder, 1), Silent())
     assert main(["report", str(folder)]) == 0
     assert "index.html" in capsys.readouterr().out
     report = folder / "report"
@@ -35,16 +30,3 @@ def test_real_run_has_a_report(tmp_path, capsys):
     problem = next(report.glob("problem-*.html")).read_text(encoding="utf-8")
     assert "observed order" not in problem and 'data-plot="energy"' in problem
     assert list((report / "tables").glob("*.csv")) and list((report / "data").glob("plots-problem-*.js"))
-
-
-def test_wrong_calls_are_reported_in_one_line(tmp_path, capsys):
-    """No folder, three folders, a place to write that no single report has."""
-    (tmp_path / "runs").mkdir()
-    for words, said in (
-        (["report", str(tmp_path / "nowhere")], "nowhere"),
-        (["report", "a", "b", "c"], "two to compare (got 3)"),
-        (["report", str(tmp_path), "--out", "x"], "--out needs two results folders"),
-    ):
-        assert main(words) == 2
-        complaint = capsys.readouterr().err
-        assert said in complaint and "Traceback" not in complaint
