@@ -104,6 +104,12 @@ class Browser:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def close_tabs(self) -> None:
+        """All that are open."""
+        for tab in self._tabs.values():
+            self.call("Target.closeTarget", targetId=tab.target)
+        self._tabs.clear()
+
     def close(self) -> None:
         """End the process."""
         os.close(self._write)
@@ -274,7 +280,3 @@ class Tab:
         colours, counts = np.unique(pixels, axis=0, return_counts=True)
         away = np.abs(pixels - colours[np.argmax(counts)]).max(axis=1)
         return float(np.mean(away > far))
-
-    def close(self) -> None:
-        """Close the tab."""
-        self.browser.call("Target.closeTarget", targetId=self.target)

@@ -79,7 +79,6 @@ def test_the_race_is_that_of_the_table(built, browser, problem):
         command = tab.evaluate("document.querySelector('[data-command]').textContent")
         assert command == f"mbsbench advise {name} --error {target:.0e}".replace("e-0", "e-")
     assert tab.faults == [] and tab.requests == []
-    tab.close()
 
 
 @pytest.mark.browser
@@ -110,7 +109,6 @@ def test_the_heat_map_at_equal_error_and_at_equal_cost(built, browser):
     assert reached and int(reached[2]) == 8
     tab.evaluate("document.querySelector('[data-mode=limit]').click()")
     assert "stay" in tab.evaluate("document.querySelector('[data-heat-title]').textContent")
-    tab.close()
 
 
 @pytest.mark.browser
@@ -133,7 +131,6 @@ def test_a_cell_opens_a_drawer_and_a_column_sorts(built, browser):
     order = tab.evaluate("[...document.querySelectorAll('.heat tbody tr')].map((r) => r.cells[1].dataset.v)")
     values = [float(v) for v in order if v]
     assert values == sorted(values) and all(not v for v in order[len(values) :])
-    tab.close()
 
 
 @pytest.mark.browser
@@ -151,7 +148,6 @@ def test_the_counter_is_the_error_of_the_series(built, browser):
         value, unit = re.match(r"off by ([\d.]+) (mm|m)", off).groups()
         assert float(value) * {"mm": 1e-3, "m": 1.0}[unit] == pytest.approx(expected, rel=0.05)
     assert said[-1][0] == "delta" and said[-1][2] == "wrong" and {s for s, _, _ in said} == {"alpha", "beta", "delta"}
-    tab.close()
 
 
 def test_sentences_and_cards_have_the_numbers_of_the_table(built):
@@ -203,7 +199,6 @@ def test_the_first_page_is_four_screens_and_fits_a_phone(built, browser, width, 
     tab = browser.open(page, width=width)
     tab.until("window.MBS && MBS.first")
     assert tab.evaluate("document.documentElement.scrollHeight") <= most and tab.evaluate(OVERFLOW) == 0
-    tab.close()
 
 
 def test_a_wrong_run_without_size_has_its_card_too(tmp_path):

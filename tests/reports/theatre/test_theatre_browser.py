@@ -25,7 +25,6 @@ def open_(browser, staged):
 
     yield page
     for tab in tabs:
-        tab.close()
 
 
 def faults(tab) -> list[str]:
