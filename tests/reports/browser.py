@@ -106,9 +106,8 @@ class Browser:
 
     def close_tabs(self) -> None:
         """All that are open."""
-        for tab in self._tabs.values():
-            self.call("Target.closeTarget", targetId=tab.target)
-        self._tabs.clear()
+        while self._tabs:
+            next(iter(self._tabs.values())).close()
 
     def close(self) -> None:
         """End the process."""
@@ -280,3 +279,8 @@ class Tab:
         colours, counts = np.unique(pixels, axis=0, return_counts=True)
         away = np.abs(pixels - colours[np.argmax(counts)]).max(axis=1)
         return float(np.mean(away > far))
+
+    def close(self) -> None:
+        """Close the tab."""
+        self.browser.call("Target.closeTarget", targetId=self.target)
+        del self.browser._tabs[self.session]
