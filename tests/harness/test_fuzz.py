@@ -115,14 +115,6 @@ def test_heads_of_suites_are_read_or_refused_in_a_line(change, tmp_path_factory)
     assert suite is None or (suite.specs and (suite.total_limit is None or 0 < suite.total_limit < math.inf))
 
 
-@MORE
-@given(st.text(max_size=60) | st.binary(max_size=60).map(lambda b: b.decode("latin-1")))
-def test_any_text_is_no_suite(text):
-    with pytest.raises(FileError) as error:
-        parse_suite(text, "fuzz", "fuzz")
-    assert in_a_line(error.value)
-
-
 bound_keys = st.sampled_from(["value", "upper", "lower", "samples", "reason", "expect", "tolerance", "nonsense"])
 
 
@@ -175,8 +167,12 @@ def test_damaged_record_files_are_never_good(cut, flip, noise, tmp_path_factory)
 
 
 @MORE
-@given(noise=st.binary(max_size=200))
-def test_noise_is_no_series(noise, tmp_path_factory):
+@given(noise=st.binary(max_size=200), text=st.text(max_size=60))
+def test_noise_is_no_series_and_no_suite(noise, text, tmp_path_factory):
+    for words in (text, noise.decode("latin-1")):
+        with pytest.raises(FileError) as error:
+            parse_suite(words, "fuzz", "fuzz")
+        assert in_a_line(error.value)
     path = tmp_path_factory.mktemp("s") / "x.npz"
     for content in (noise, b"PK\x03\x04" + noise, b"\x93NUMPY" + noise):
         path.write_bytes(content)
@@ -239,11 +235,15 @@ def mechanisms(draw):
     return Problem("random", system, start, t_end=0.05, dt=0.005, section="", source="drawn")
 
 
-def consistent(problem):
-    """The start made consistent, or InconsistentStart."""
-    state = project(problem.system, problem.initial)
-    check_start(problem.system, state)
-    return state
+def movable(problem):
+    """With the start made consistent, or None where that is refused: a loop that cannot turn as drawn."""
+
+    def consistent():
+        state = project(problem.system, problem.initial)
+        check_start(problem.system, state)
+        return dataclasses.replace(problem, initial=state)
+
+    return told(consistent, InconsistentStart, ValueError)
 
 
 @pytest.mark.slow
@@ -254,10 +254,8 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
 
     The suite ``random`` puts 360 mechanisms before their references; here a few of another generator.
     """
-    moving = told(lambda: consistent(problem), InconsistentStart, ValueError)  # e.g. a loop that cannot turn as drawn
-    if moving is None:
+    if (problem := movable(problem)) is None:
         return
-    problem = dataclasses.replace(problem, initial=moving)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
         patch.setattr(measure, "reference_of", lambda problem: None)  # laws alone: a reference takes up to a minute
@@ -284,10 +282,8 @@ AGREE = 1e-3  # of the length, after 0.05 s: bodies of a millionth of another's 
 @given(problem=mechanisms())
 def test_random_mechanisms_move_alike_in_all_solvers(problem, tmp_path_factory):
     """Each solver in a process of its own, as in runs: no crash, no hang; those that claim success agree."""
-    moving = told(lambda: consistent(problem), InconsistentStart, ValueError)
-    if moving is None:
+    if (problem := movable(problem)) is None:
         return
-    problem = dataclasses.replace(problem, initial=moving)
     folder = store.create(tmp_path_factory.mktemp("m"))
     supervisor, ended = Supervisor(), []
     with pytest.MonkeyPatch.context() as patch:
