@@ -43,12 +43,12 @@ STEP = 2e-4  # [s] of differences: rounding/STEP and (rate STEP)^6 rate are both
 DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 
 
-@pytest.fixture(params=CASES, ids=NAMES)
+@pytest.fixture(scope="module", params=CASES, ids=NAMES)
 def presented(request: pytest.FixtureRequest) -> Problem:
     return make_problem(*request.param)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def known(presented: Problem) -> Reference:
     reference = presented.reference()
     if reference is None:

@@ -22,8 +22,8 @@ from mbsbench.reports.plots.printed import Legend
 from mbsbench.reports.plots.spec import Trace
 from mbsbench.reports.plots.work import work_chapter
 
-from .bundles import opened
 from .conftest import HOSTILE, put, record, series
+from .outline import opened
 
 CATALOGUE = ("gc_weak_form", "gc_augmented_lagrangian", "rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3")
 

@@ -9,12 +9,19 @@ from urllib.parse import unquote
 
 import pytest
 
+from mbsbench.cli.__main__ import main
+from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.places import Place
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.suites.suite import parse_suite
+from mbsbench.harness.types import Status
 from mbsbench.reports import site
+from mbsbench.reports.model.glossary import GLOSSARY, markdown, term
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import base
 from mbsbench.reports.pages.base import Page, Site
 
+from ..harness.conftest import Silent
 from .conftest import HOSTILE, every_kind, put, record, series
 from .outline import Outline
 from .pages.synthetic import judge
@@ -242,3 +249,53 @@ def test_page_modules_are_found_and_late_ones_come_last():
         "mbsbench.reports.pages.runs.runs",
     } <= set(names)
     assert names.index("mbsbench.reports.pages.runs.runs") > names.index("mbsbench.reports.pages.runs.problems")
+
+
+TINY = """
+name = "tiny"
+[[runs]]
+label = "recommended"
+problem = "spherical_pendulum"
+parameters = { t_end = 0.3 }
+solver = "gc_weak_form"
+dt = [0.02, 0.01]
+"""
+
+
+def test_real_run_has_a_report(tmp_path, capsys):
+    """Run, then ``report``: every run has its page, with plots, tables and its command."""
+    folder = tmp_path / "run"
+    loaded = run_suite(Request(parse_suite(TINY, "tiny", "here"), folder, 1), Silent())
+    assert main(["report", str(folder)]) == 0
+    assert "index.html" in capsys.readouterr().out
+    report = folder / "report"
+    assert len(loaded.records) == 2
+    for r in loaded.records:
+        assert "mbsbench solve spherical_pendulum" in (report / "runs" / f"{r.run_id}.html").read_text("utf-8")
+    problem = next(report.glob("problem-*.html")).read_text(encoding="utf-8")
+    assert "observed order" not in problem and 'data-plot="energy"' in problem
+    assert list((report / "tables").glob("*.csv")) and list((report / "data").glob("plots-problem-*.js"))
+
+
+def test_the_page_in_docs_is_the_table_that_the_reports_use():
+    """Made anew by ``python -m mbsbench.reports.model.glossary``."""
+    assert markdown() in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+
+
+def test_every_status_and_verdict_has_an_entry_of_one_sentence():
+    """A reader meets them on every page."""
+    assert {str(s) for s in Status} | {"SUPPORTED", "REFUTED", "CONDITIONAL", "MIXED", "UNTESTABLE"} <= GLOSSARY.keys()
+    assert all(text.endswith(".") and "\n" not in text for text in GLOSSARY.values())
+
+
+def test_every_term_of_a_template_is_in_the_glossary():
+    """A tooltip without a meaning would stop the report."""
+    used = set()
+    for path in (ROOT / "reports" / "templates").glob("*.html"):
+        used |= set(re.findall(r"""term\(["']([^"']+)["']""", path.read_text(encoding="utf-8")))
+    assert used and used <= GLOSSARY.keys()
+
+
+def test_texts_are_escaped():
+    """They stand in an attribute."""
+    assert term("law", "<b>") == f'<abbr title="{GLOSSARY["law"]}">&lt;b&gt;</abbr>'

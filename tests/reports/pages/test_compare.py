@@ -13,9 +13,8 @@ from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.change.compare import changes, write_compare
 from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
 
-from ..bundles import opened
 from ..conftest import HOSTILE, because, every_kind, put, record, series
-from ..outline import Outline
+from ..outline import Outline, opened
 from .synthetic import CLAIM
 
 
