@@ -51,6 +51,13 @@ def found(system: MultibodySystem, exact, run, t: np.ndarray, horizon: float = 1
     return [*judged.doubts, *judged.inaccuracy], judged.m
 
 
+PENDULUM = assemble([BODY], [Joint(0, (-1.0, 0.0, 0.0))])
+
+
+def pendulum(t: np.ndarray) -> States:
+    return turning([1.0], [1.0], t)
+
+
 PAIR = assemble([BODY, BODY], [Joint(0, (-0.1, 0.0, 0.0), 1, (0.1, 0.0, 0.0))])
 
 
@@ -96,16 +103,12 @@ def test_a_companion_that_moves_far_hides_no_error():
 def test_a_reference_that_ends_early_freezes_no_limit():
     """Known for a millisecond, a pendulum has the limit on |phi| and the verdict of one known to the end."""
     t = np.linspace(0.0, 10.0, 1001)
-    system = assemble([BODY], [Joint(0, (-1.0, 0.0, 0.0))])
-
-    def exact(t: np.ndarray) -> States:
-        return turning([1.0], [1.0], t)
 
     def near(t: np.ndarray) -> States:
-        s = exact(t)
+        s = pendulum(t)
         return States(s.r + 1e-4 * np.minimum(t, 1.0)[:, None, None], s.R, s.v, s.Omega)
 
-    (long, m), (short, n) = (found(system, exact, near, t, horizon) for horizon in (10.0, 1e-3))
+    (long, m), (short, n) = (found(PENDULUM, pendulum, near, t, horizon) for horizon in (10.0, 1e-3))
     assert not long and not short
     assert n.size.allowed[Law.CONSTRAINT] == pytest.approx(m.size.allowed[Law.CONSTRAINT], rel=1e-3)
 
@@ -114,11 +117,10 @@ def test_a_reference_that_ends_early_freezes_no_limit():
 def test_a_row_that_is_no_number_leaves_the_scales_of_the_rows_before(bad):
     """Without a reference, half of a motion of two turns has the scales of the whole."""
     t = np.linspace(0.0, 4.0 * np.pi, 1001)
-    system = assemble([BODY], [Joint(0, (-1.0, 0.0, 0.0))])
-    s = turning([1.0], [1.0], t)
+    s = pendulum(t)
     r = s.r.copy()
     r[700] = bad
-    p = Problem("p", system, s[0], t[-1], 0.01, "", "", literal_start=True)  # so that no reference is computed
+    p = Problem("p", PENDULUM, s[0], t[-1], 0.01, "", "", literal_start=True)  # so that no reference is computed
     sizes = [dataclasses.astuple(judge(p, claimed(t, x)).m.size) for x in (s, States(r, s.R, s.v, s.Omega))]
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-4)
 
@@ -147,17 +149,11 @@ def test_the_work_of_dampers_is_as_exact_as_the_motion(steps):
 
 def test_errors_of_a_reference_that_grow_with_time_are_judged_and_those_of_chaos_are_not():
     """Growing from 1e-10 as the square of time, all is judged; tenfold a second, to 100 times over a tenfold time."""
-    t = np.linspace(0.0, 10.0, 1001)
-    system = assemble([BODY], [Joint(0, (-1.0, 0.0, 0.0))])
-
-    def exact(t: np.ndarray) -> States:
-        return turning([1.0], [1.0], t)
-
-    ends = []
+    t, ends = np.linspace(0.0, 10.0, 1001), []
     for own in (lambda t: 1e-10 * (1.0 + t**2), lambda t: 1e-10 * 10.0**t):
-        known = Known(exact, 10.0, own)
-        p = Problem("p", system, exact(np.zeros(1))[0], 10.0, 0.01, "", "", reference_from=lambda _, k=known: k)
-        ends.append(judge(p, claimed(t, exact(t))).c["judged_to_s"])
+        known = Known(pendulum, 10.0, own)
+        p = Problem("p", PENDULUM, pendulum(t)[0], 10.0, 0.01, "", "", reference_from=lambda _, k=known: k)
+        ends.append(judge(p, claimed(t, pendulum(t))).c["judged_to_s"])
     assert ends[0] == 10.0 and ends[1] == pytest.approx(2.0 / 0.9, abs=0.02)
 
 
