@@ -251,16 +251,6 @@ def test_files_that_cannot_be_used_are_reported_in_one_line(tmp_path, capsys, mo
         assert err.startswith("error: ") and err.count("\n") == 1 and not out, line
 
 
-def test_one_foreign_file_costs_no_run(tmp_path):
-    """Nested without end, or with a number beyond any: it is no record, and can be set aside."""
-    from mbsbench.harness.results import store
-
-    folder = store.create(tmp_path / "run")
-    (folder / "runs" / "deep.json").write_text("[" * 100_000)
-    (folder / "runs" / "long.json").write_text('{"record": 1' + "0" * 5000 + "}")
-    assert len(store.load(folder).unreadable) == 2
-
-
 def test_environment_and_suite_are_kept(command, tmp_path):
     (tmp_path / "small.toml").write_text(SUITE)
     command("run", "small.toml", *WITH, "--out", "out", "--limit", "1")

@@ -4,7 +4,6 @@ import json
 import math
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.catalogue.registry import engines
 from mbsbench.harness.races import in_turns
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, to_json
@@ -60,8 +59,3 @@ def test_records_hold_the_times_of_the_turns_and_nothing_else_changes(tmp_path, 
         assert [n for n in json.loads(new.notes) if "turns" in n] == [
             "CPU times: 3 turns in one process, 2 runs of the problem in turns"
         ]
-
-
-def test_engines_are_solvers_of_the_catalogue():
-    """One file each."""
-    assert {"mujoco", "exudyn"} <= set(engines())

@@ -83,15 +83,17 @@ def test_damaged_files_are_set_aside(tmp_path, part, damage):
 
 
 def test_foreign_records_are_refused(tmp_path):
-    """Another schema, another run's record, JSON of something else, a pickle."""
+    """Another schema, another run's record, JSON of something else or without end, a number beyond any, a pickle."""
     stored(tmp_path)
     good = tmp_path / "runs" / "abc.json"
     (tmp_path / "runs" / "other.json").write_bytes(good.read_bytes())
-    (tmp_path / "runs" / "list.json").write_text("[1, 2]")
+    others = {"list": "[1, 2]", "deep": "[" * 100_000, "long": '{"record": 1' + "0" * 5000 + "}"}
+    for name, text in others.items():
+        (tmp_path / "runs" / f"{name}.json").write_text(text)
     (tmp_path / "runs" / "binary.json").write_bytes(b"\x80\x04N.")
     loaded = store.load(tmp_path)
     assert len(loaded.records) == 1
-    assert {u.path.name for u in loaded.unreadable} == {"other.json", "list.json", "binary.json"}
+    assert {u.path.stem for u in loaded.unreadable} == {"other", "binary", *others}
 
 
 @pytest.mark.parametrize(
