@@ -14,13 +14,11 @@ from rich.console import Console
 
 from mbsbench.cli.__main__ import main
 from mbsbench.cli.terminal import BARS, Column, fit_table, sparkline, timeline
-from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
-from mbsbench.harness.suites.suite import parse_suite
 
-from ..harness.conftest import PLUGIN, Silent
+from ..harness.conftest import PLUGIN, run_in
 from .terminal import ESCAPE, in_terminal, seen
 
 TEXT = """
@@ -39,10 +37,9 @@ cpu_limit = 1
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Results with every kind of end."""
-    where = tmp_path_factory.mktemp("show")
-    suite = parse_suite(TEXT, "show", "show", plugins=(str(PLUGIN),))
-    run_suite(Request(suite, where / "run", 2), Silent())
-    return where / "run"
+    where = tmp_path_factory.mktemp("show") / "run"
+    run_in(where, TEXT)
+    return where
 
 
 @pytest.fixture

@@ -48,9 +48,10 @@ class Silent(Watcher):
         self.ran: list[str] = []
         self.set_aside: list[str] = []
         self.left: list[str] = []
+        self.total = 0
 
     def begin(self, folder, total, waiting, unreadable):
-        self.set_aside = [u.path.name for u in unreadable]
+        self.set_aside, self.total = [u.path.name for u in unreadable], total
 
     def ended(self, job, record):
         self.ran.append(job.spec.case)
@@ -59,14 +60,20 @@ class Silent(Watcher):
         self.left = [job.spec.case for job in left]
 
 
+def run_in(
+    folder: Path, text: str, jobs: int = 2, *, plugins=(PLUGIN,), pool=LocalPool, **request
+) -> tuple[Loaded, Silent]:
+    """Run the text of a suite in a folder: what is there then, and what the watcher saw."""
+    suite, watcher = parse_suite(text, "test", "test", plugins=tuple(map(str, plugins))), Silent()
+    return run_suite(Request(suite, folder, jobs, **request), watcher, pool), watcher
+
+
 @pytest.fixture
 def run_text(tmp_path: Path) -> Callable[..., tuple[Loaded, Silent]]:
     """Run the text of a suite in a folder of its own."""
 
-    def run(text: str, *, folder: Path = tmp_path / "run", resume: bool = False, jobs: int = 2):
-        suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
-        watcher = Silent()
-        return run_suite(Request(suite, folder, jobs, resume), watcher, LocalPool), watcher
+    def run(text: str, *, folder: Path = tmp_path / "run", **more):
+        return run_in(folder, text, **more)
 
     return run
 

@@ -10,10 +10,8 @@ from urllib.parse import unquote
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.places import Place
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.suites.suite import parse_suite
 from mbsbench.harness.types import Status
 from mbsbench.reports import site
 from mbsbench.reports.model.glossary import GLOSSARY, markdown, term
@@ -21,7 +19,7 @@ from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import base
 from mbsbench.reports.pages.base import Page, Site
 
-from ..harness.conftest import Silent
+from ..harness.conftest import run_in
 from .conftest import HOSTILE, every_kind, put, record, series
 from .outline import Outline
 from .pages.synthetic import judge
@@ -265,7 +263,7 @@ dt = [0.02, 0.01]
 def test_real_run_has_a_report(tmp_path, capsys):
     """Run, then ``report``: every run has its page, with plots, tables and its command."""
     folder = tmp_path / "run"
-    loaded = run_suite(Request(parse_suite(TINY, "tiny", "here"), folder, 1), Silent())
+    loaded, _ = run_in(folder, TINY, 1, plugins=())
     assert main(["report", str(folder)]) == 0
     assert "index.html" in capsys.readouterr().out
     report = folder / "report"

@@ -5,20 +5,16 @@ import json
 
 import pytest
 
-from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.merging import merge
-from mbsbench.harness.suites.suite import parse_suite
 
-from ..conftest import PLUGIN, TIMED, Silent
+from ..conftest import TIMED, run_in
 
 TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.25, 0.5]'
 
 
 def run(folder, shard=(1, 1), **more):
-    suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    return run_suite(Request(suite, folder, 2, shard=shard, **more), Silent(), LocalPool)
+    return run_in(folder, TEXT, shard=shard, **more)[0]
 
 
 def numbers(folder):
