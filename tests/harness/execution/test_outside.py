@@ -14,7 +14,7 @@ from mbsbench.harness.execution.pool import PoolError
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.sandbox.apart import ASLEEP, Apart
 
-from ..conftest import HOSTILE, PLUGIN, run_in
+from ..conftest import HOSTILE, PLUGIN, Silent, run_in
 
 SLEEPS = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\ncpu_limit = {wall}\noptions = {{ seconds = {seconds} }}\n'
 
