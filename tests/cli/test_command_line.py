@@ -109,7 +109,6 @@ BAD = [
     (("history", "--metric", "phi_mx"), "did you mean 'phi_max'"),
     (("report", "nowhere"), "not a results folder"),
     (("report", "a", "b", "c"), "two to compare (got 3)"),
-    (("report", "a", "--out", "x"), "--out needs two results folders"),
     (("gate", "--thresholds", "nowhere.toml"), "cannot read"),
     (("gate", "--suite", "nothing"), "unknown suite"),
     (("gate", "--junit", "nowhere/gate.xml"), "cannot write"),

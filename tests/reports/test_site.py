@@ -266,6 +266,8 @@ def test_real_run_has_a_report(tmp_path, capsys):
     loaded, _ = run_in(folder, TINY, 1, plugins=())
     assert main(["report", str(folder)]) == 0
     assert "index.html" in capsys.readouterr().out
+    assert main(["report", str(folder), "--out", "x"]) == 2
+    assert "--out needs two results folders" in capsys.readouterr().err
     report = folder / "report"
     assert len(loaded.records) == 2
     for r in loaded.records:
