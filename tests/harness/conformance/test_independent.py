@@ -6,12 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.api import solve
-from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench import JointKind, make_problem, solve
 from mbsbench.harness.conformance.laws import Subject, check_independent, check_invariants
 from mbsbench.harness.conformance.solver import EASY
 from mbsbench.harness.conformance.trials import Evidence, check_moments, check_order
-from mbsbench.harness.mechanics.joints import JointKind
 from mbsbench.harness.results.records import RunRecord
 
 HINGE = make_problem(*EASY["easy hinge"])
