@@ -70,7 +70,8 @@ def test_a_run_killed_from_outside_is_repeated_once_and_alone(tmp_path):
     assert main(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--resume"]) == 0
     assert {r.status for r in store.load(tmp_path / "run").records} == {"success"}
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "kills_itself"'
-    ran = [run_in(tmp_path / "own", text, 1, resume=k > 0)[1].ran for k in range(3)]
+    plugins = (PLUGIN, HOSTILE)
+    ran = [run_in(tmp_path / "own", text, 1, plugins=plugins, resume=k > 0)[1].ran for k in range(3)]
     assert [len(r) for r in ran] == [1, 1, 0]
 
 
