@@ -34,8 +34,6 @@ from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import load_suite, parse_suite
 
-from .conftest import PLUGIN
-
 DRAWN = int(os.environ.get("FUZZ", "0"))
 CALM = {"deadline": None, "derandomize": not DRAWN, "suppress_health_check": list(HealthCheck)}
 MORE = settings(max_examples=DRAWN or 60, **CALM)
@@ -89,7 +87,7 @@ def test_suites_are_read_or_refused_in_a_line(change, place):
         f"{head}\n" + "".join(f"{k} = {toml(v)}\n" for k, v in groups[name].items())
         for head, name in (("[defaults]", "defaults"), ("[[runs]]", "runs"))
     )
-    suite = told(lambda: parse_suite(text, "fuzz", "fuzz", plugins=(str(PLUGIN),)), FileError)
+    suite = told(lambda: parse_suite(text, "fuzz", "fuzz"), FileError)
     assert suite is None or suite.specs
     for c in suite.specs if suite else ():
         assert all(math.isfinite(x) and x > 0 for x in (c.cpu_limit, c.memory, c.repeats, c.control.dt))
@@ -111,7 +109,7 @@ def test_heads_of_suites_are_read_or_refused_in_a_line(change, tmp_path_factory)
     (folder / "base.toml").write_text(group)
     head = "".join(f"{k} = {toml(v)}\n" for k, v in change.items())
     (folder / "self.toml").write_text(head + ("" if "runs" in change else group))
-    suite = told(lambda: load_suite(str(folder / "self.toml"), (str(PLUGIN),)), FileError)
+    suite = told(lambda: load_suite(str(folder / "self.toml")), FileError)
     assert suite is None or (suite.specs and (suite.total_limit is None or 0 < suite.total_limit < math.inf))
 
 
@@ -202,7 +200,7 @@ def test_filters_of_show_are_reported_in_one_line(value, flag, capsys, tmp_path_
 def test_values_on_the_command_line_are_reported_in_one_line(key, value, mass, capsys, tmp_path_factory):
     """Exit code 2, one line, nothing written; only numbers that make sense get any further."""
     folder = tmp_path_factory.mktemp("c") / "gone"
-    line = ["solve", "free_fall", "exact", "--plugin", str(PLUGIN), "--out", str(folder / "x.npz")]
+    line = ["solve", "free_fall", "exact", "--out", str(folder / "x.npz")]
     code = main([*line, f"--set={key}={value}", f"--problem-set=mass={mass}"])
     out, err = capsys.readouterr()
     assert code == 2 and err.count("\n") == 1 and err.startswith("error: ") and not out and not folder.exists()
