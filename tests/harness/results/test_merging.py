@@ -17,6 +17,14 @@ def run(folder, shard=(1, 1), **more):
     return run_in(folder, TEXT, shard=shard, **more)[0]
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of one machine's run."""
+    folder = tmp_path_factory.mktemp("merging") / "whole"
+    run(folder)
+    return folder
+
+
 def numbers(folder):
     return store.table(store.load(folder).records).drop(columns=TIMED)
 
@@ -35,35 +43,33 @@ def test_each_run_names_its_own_environment(tmp_path, monkeypatch):
         assert len(set(names)) == 2 and 0 < cpus.count("another") < len(cpus) == 9
 
 
-def test_merged_shards_are_the_whole_run(tmp_path):
+def test_merged_shards_are_the_whole_run(tmp_path, whole):
     """Same rows, same numbers, same files; the sources stay; merging again adds nothing."""
     shards = [tmp_path / str(k) for k in (1, 2)]
     sizes = [len(run(folder, (k, 2)).records) for k, folder in enumerate(shards, 1)]
     assert sizes == [5, 4]
-    run(tmp_path / "whole")
     before = {p: p.read_bytes() for s in shards for p in s.rglob("*.json")}
     done = merge(tmp_path / "merged", shards)
     assert done.added == 9 and not done.conflicts and len(done.codes) == 1
-    assert numbers(tmp_path / "merged").equals(numbers(tmp_path / "whole"))
+    assert numbers(tmp_path / "merged").equals(numbers(whole))
     assert all(p.read_bytes() == content for p, content in before.items())
     assert merge(tmp_path / "merged", shards).added == 0
     assert (tmp_path / "merged" / "environment.json").exists() and (tmp_path / "merged" / "environment.2.json").exists()
 
 
-def test_contradictions_and_damage_are_reported(tmp_path):
+def test_contradictions_and_damage_are_reported(tmp_path, whole):
     """Two folders with other numbers for one run: the first is kept; a damaged record is not copied."""
-    run(tmp_path / "a")
-    first, *others = store.load(tmp_path / "a").records
+    first, *others = store.load(whole).records
     other = store.create(tmp_path / "b")
     store.write_record(other, dataclasses.replace(first, series="", phi_max=9.0))
     (other / "runs" / f"{others[0].run_id}.json").write_text("{")
-    done = merge(tmp_path / "out", [tmp_path / "a", other])
+    done = merge(tmp_path / "out", [whole, other])
     assert len(done.conflicts) == 1 and first.case in done.conflicts[0] and len(done.unreadable) == 1
     assert len(done.records) == 9 and [r.phi_max for r in done.records if r.run_id == first.run_id] == [first.phi_max]
 
 
 def test_a_folder_is_not_merged_into_itself(tmp_path):
     """It would be read and written at once."""
-    run(tmp_path / "a")
+    folder = store.create(tmp_path / "a")
     with pytest.raises(store.StoreError, match="one of the folders"):
-        merge(tmp_path / "a", [tmp_path / "a"])
+        merge(folder, [folder])
