@@ -49,7 +49,6 @@ def test_page_runs_block_by_block(tmp_path, monkeypatch, capsys):
 
 
 def test_problem_of_the_page_is_solved(capsys):
-    """The twelve lines on a problem of one's own are whole."""
     ((_, block),) = blocks_of("your-own-problem.md")
     exec(compile(block, "your-own-problem.md", "exec"), {})
     assert "<Run double_pendulum gc_weak_form dt=0.001: success, 500 steps to 0.5 s" in capsys.readouterr().out
@@ -139,7 +138,6 @@ TOP = "heavy_top", "gc_weak_form"
     ],
 )
 def test_wrong_call_is_one_line(given, options, words):
-    """ValueError, with the nearest name where a name is misspelt."""
     with pytest.raises(ValueError, match=re.escape(words)) as caught:
         solve(*given, **options)
     assert "\n" not in str(caught.value)
@@ -147,7 +145,6 @@ def test_wrong_call_is_one_line(given, options, words):
 
 @pytest.mark.parametrize("name", ["nowhere", "absent.npz", "text.npz", "other.npz"])
 def test_what_cannot_be_loaded_is_one_line(name, tmp_path):
-    """A path that is not there, a text, and somebody else's arrays."""
     (tmp_path / "text.npz").write_text("no arrays")
     np.savez(tmp_path / "other.npz", a=1)
     with pytest.raises(ValueError, match=name) as caught:

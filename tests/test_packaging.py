@@ -1,4 +1,4 @@
-"""What is installed is what runs: every folder is a package, and a wheel carries every file that is read."""
+"""What is installed is what runs: packages, the wheel and its files, locks; workflows call what there is."""
 
 import os
 import re
@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from mbsbench.harness.results import environment
+from mbsbench.harness.results.environment import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
 LARGEST = 2_000_000  # bytes of a wheel
 PARTS = ("cli", "harness", "problems", "solvers", "reports")
@@ -96,3 +96,28 @@ def test_locks_carry_hashes_and_agree():
         assert len(own) > 20
         assert {n: v for n, v in own.items() if known.get(n, v) != v} == {}
         known |= own
+
+
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+TARGETS = set(re.findall(r"^([a-z][a-z-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+
+
+@pytest.mark.parametrize("path", [*WORKFLOWS, ROOT / ".ci" / "run"], ids=lambda p: p.name)
+def test_called_targets_are_in_the_makefile(path):
+    called = set(re.findall(r"(?<![\w-])make ([a-z][a-z-]*)", path.read_text(encoding="utf-8")))
+    assert called
+    assert called <= TARGETS
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda p: p.name)
+def test_a_workflow_is_valid(path):
+    """Each job has a machine and steps; each step runs a command or uses an action of a stated version."""
+    yaml = pytest.importorskip("yaml", reason="PyYAML comes with `make docs`")
+    plain = yaml.safe_load(path.read_text(encoding="utf-8"))
+    assert plain["name"] == path.stem
+    assert plain[True] == ["push", "pull_request"]  # YAML 1.1 reads the key `on` as true
+    for job in plain["jobs"].values():
+        assert job["runs-on"] == "ubuntu-latest"
+        for step in job["steps"]:
+            assert ("run" in step) != ("uses" in step)
+            assert re.fullmatch(r"[\w-]+/[\w-]+@v\d+", step.get("uses", "a/b@v1"))

@@ -91,6 +91,3 @@ def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
     said = capsys.readouterr()
     assert "the reference's own" in said.err and "[1/2]" in said.out
     assert tempfile.gettempdir() not in said.out + said.err  # the folder of the runs is gone by now
-    assert main(["advise", "spherical_pendulum", "--error", "small"]) == 2
-    assert main(["advise", "chain", "--error", "1e-3", "--problem-set", "links=90"]) == 2
-    assert "no reference" in capsys.readouterr().err

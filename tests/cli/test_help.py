@@ -26,20 +26,16 @@ def test_help_lists_the_commands(capsys, arguments):
     assert not err and out.startswith("usage: mbsbench") and "docs/glossary.md" in out
     for name, (_, summary) in read_summaries().items():
         assert f"\n    {name} " in out and summary.split()[0] in out
+    assert main(["--version"]) == 0 and capsys.readouterr().out.startswith("mbsbench ")
 
 
-def test_summaries_are_those_of_theimport_commands():
+def test_summaries_are_those_of_the_imported_commands():
     """They are read from the files; each command, imported, declares the same."""
     _, commands = top_parser()
     for module in import_commands():
         module.add(commands)
     declared = {a.dest: a.help for a in commands._choices_actions}
     assert declared == {name: summary for name, (_, summary) in read_summaries().items()}
-
-
-def test_version(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("mbsbench ")
 
 
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"], ["list"], ["list", "chain"]])
@@ -82,17 +78,11 @@ def test_list_of_one_problem(capsys):
 
 
 def test_list_of_one_solver(capsys):
-    """Its options, its step and its order."""
     assert main(["list", "gc_weak_form", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert not said["problems"] and [s["name"] for s in said["solvers"]] == ["gc_weak_form"]
     assert main(["list", "gc_weak_form"]) == 0
     assert "order " in capsys.readouterr().out
-
-
-def test_list_of_nothing_is_a_wrong_call(capsys):
-    assert main(["list", "heavy_tap"]) == 2
-    assert "did you mean 'heavy_top'" in capsys.readouterr().err
 
 
 CERTIFIED = ("chain", "four_bar_grid", "n_four_bar", "pumped_pendulum")

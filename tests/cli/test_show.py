@@ -1,19 +1,24 @@
-"""``show`` on a terminal: fits, filters, sorts, shows one run in detail, and prints nothing it should not."""
+"""``show`` on a terminal: fits, filters, sorts, shows one run in detail; series in a few characters."""
 
 import json
+import math
 import shlex
+import shutil
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rich.cells import cell_len
+from rich.console import Console
 
 from mbsbench.cli.__main__ import main
-from mbsbench.cli.terminal import timeline
-from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.cli.terminal import BARS, Column, fit_table, sparkline, timeline
+from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.results import store
-from mbsbench.harness.suites.suite import parse_suite
+from mbsbench.harness.results.judgements import files
 
-from ..harness.conftest import PLUGIN, Silent
+from ..harness.conftest import PLUGIN, run_in
 from .terminal import ESCAPE, in_terminal, seen
 
 TEXT = """
@@ -32,23 +37,26 @@ cpu_limit = 1
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Results with every kind of end."""
-    where = tmp_path_factory.mktemp("show")
-    suite = parse_suite(TEXT, "show", "show", plugins=(str(PLUGIN),))
-    run_suite(Request(suite, where / "run", 2), Silent())
-    return where / "run"
+    where = tmp_path_factory.mktemp("show") / "run"
+    run_in(where, TEXT)
+    return where
 
 
-def shown(capsys, monkeypatch, *arguments, width=120):
-    monkeypatch.setenv("COLUMNS", str(width))
-    code = main(["show", *map(str, arguments)])
-    out, err = capsys.readouterr()
-    return code, out, err
+@pytest.fixture
+def shown(folder, capsys, monkeypatch):
+    """Exit code and outputs of ``show`` on these results."""
+
+    def show(*arguments, width=120, of=folder):
+        monkeypatch.setenv("COLUMNS", str(width))
+        return main(["show", str(of), *map(str, arguments)]), *capsys.readouterr()
+
+    return show
 
 
 @pytest.mark.parametrize("width", [60, 80, 120, 200])
-def test_the_table_fits(folder, capsys, monkeypatch, width):
+def test_the_table_fits(shown, width):
     """Case, status and drift are there at any width; columns that count less go first."""
-    code, out, _ = shown(capsys, monkeypatch, folder, width=width)
+    code, out, _ = shown(width=width)
     assert code == 0 and all(cell_len(line) <= width for line in out.splitlines())
     head = out.splitlines()[0]
     assert "case" in head and "status" in head and "|dE| [J]" in head and "dE over time" in head
@@ -56,16 +64,16 @@ def test_the_table_fits(folder, capsys, monkeypatch, width):
     assert "9 runs, 2 success" in out or "9 runs, 3 success" in out
 
 
-def test_filters_and_sort(folder, capsys, monkeypatch):
+def test_filters_and_sort(shown):
     """Names, several of them, largest first, cut."""
-    _, out, _ = shown(capsys, monkeypatch, folder, "--solver", "raises,refuses")
+    _, out, _ = shown("--solver", "raises,refuses")
     assert "2 runs" in out and "segfaults" not in out
-    _, out, _ = shown(capsys, monkeypatch, folder, "--status", "crashed")
+    _, out, _ = shown("--status", "crashed")
     assert "raises" in out and "refuses" not in out
-    _, out, _ = shown(capsys, monkeypatch, folder, "--sort", "drift", "--limit", "2", width=200)
+    _, out, _ = shown("--sort", "drift", "--limit", "2", width=200)
     first, second = out.splitlines()[1:3]
     assert "lift=10" in first and "lift=0.001" in second and "2 runs" in out
-    records = [json.loads(x) for x in shown(capsys, monkeypatch, folder, "--sort", "steps", "--json")[1].splitlines()]
+    records = [json.loads(x) for x in shown("--sort", "steps", "--json")[1].splitlines()]
     assert [r["steps"] for r in records] == sorted((r["steps"] for r in records), reverse=True) and len(records) == 9
 
 
@@ -75,17 +83,16 @@ def test_filters_and_sort(folder, capsys, monkeypatch):
      (("--sort", "beauty"), "unknown column"), (("--sort", "driftt"), "did you mean 'drift'"), (("zzz",), "no run"),
      (("--limit", "0"), "--limit"), (("",), "no run")],
 )  # fmt: skip
-def test_unknown_names_are_reported_in_one_line(folder, capsys, monkeypatch, arguments, words):
-    """Exit code 2."""
-    code, out, err = shown(capsys, monkeypatch, folder, *arguments)
+def test_unknown_names_are_reported_in_one_line(shown, arguments, words):
+    code, out, err = shown(*arguments)
     assert code == 2 and words in err and err.count("\n") == 1 and not out
 
 
-def test_one_run_in_full(folder, capsys, monkeypatch):
+def test_one_run_in_full(folder, shown):
     """By address, start of it, or case: settings, numbers, series over time, the command that runs it again."""
     case = "free_fall exact[lift=0.001] dt=0.01"
     (record,) = [r for r in store.load(folder).records if r.case == case]
-    texts = {shown(capsys, monkeypatch, folder, name, width=80)[1] for name in (record.run_id, record.run_id[:7], case)}
+    texts = {shown(name, width=80)[1] for name in (record.run_id, record.run_id[:7], case)}
     assert len(texts) == 1
     (out,) = texts
     *lines, _, command = out.rstrip().splitlines()
@@ -94,27 +101,24 @@ def test_one_run_in_full(folder, capsys, monkeypatch):
         assert words in out
     words = shlex.split(command)
     assert words[:4] == ["mbsbench", "solve", "free_fall", "exact"] and str(PLUGIN) in words
-    (plain,) = map(json.loads, shown(capsys, monkeypatch, folder, record.run_id, "--json")[1].splitlines())
+    (plain,) = map(json.loads, shown(record.run_id, "--json")[1].splitlines())
     assert plain["command"] == command.strip() and plain["run_id"] == record.run_id
 
 
-def test_a_run_that_failed_says_why_and_where(folder, capsys, monkeypatch):
+def test_a_run_that_failed_says_why_and_where(shown):
     """A star where it stopped; its standard error; without steps, that."""
-    _, out, _ = shown(capsys, monkeypatch, folder, "free_fall gives_up dt=0.5")
-    assert "step_underflow" in out and "too small" in out and "*" in out
-    _, out, _ = shown(capsys, monkeypatch, folder, "free_fall raises dt=0.5")
-    assert "a bug of mine" in out and "RuntimeError" in out and "Standard error" in out
-    _, out, _ = shown(capsys, monkeypatch, folder, "free_fall refuses dt=0.5")
-    assert "on principle" in out and "no steps were kept" in out
+    for solver, words in (
+        ("gives_up", ("step_underflow", "too small", "*")), ("refuses", ("on principle", "no steps were kept")),
+        ("raises", ("a bug of mine", "RuntimeError", "Standard error")),
+    ):  # fmt: skip
+        out = shown(f"free_fall {solver} dt=0.5")[1]
+        assert all(word in out for word in words), solver
 
 
-def test_a_damaged_series_is_reported(folder, capsys, monkeypatch, tmp_path):
-    """Exit code 1, the rest is shown."""
-    import shutil
-
+def test_a_damaged_series_is_reported(folder, shown, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "run")
     next((copy / "series").iterdir()).write_bytes(b"PK")
-    code, out, err = shown(capsys, monkeypatch, copy)
+    code, out, err = shown(of=copy)
     assert code == 1 and "9 runs" in out and err.count("unreadable") == 1
 
 
@@ -147,6 +151,67 @@ def test_a_run_on_a_terminal_shows_what_is_left_and_the_worst_drift(tmp_path):
 def test_a_timeline_stops_where_the_motion_did():
     """Half-way: half of it, a star, then nothing; a long step leaves no hole."""
     t = np.linspace(0.0, 5.0, 101)
-    assert timeline(t, 10.0**-t, 10.0, 10) == "█▇▆▅▄▂*   " or timeline(t, 10.0**-t, 10.0, 10).endswith("*   ")
+    assert timeline(t, 10.0**-t, 10.0, 10).startswith("█▇▆▅▄") and timeline(t, 10.0**-t, 10.0, 10).endswith("*   ")
     assert timeline(np.array([0.0, 9.0, 10.0]), np.ones(3), 10.0, 10) == "██████████"
     assert timeline(np.array([0.0]), np.zeros(1), 10.0, 4) == "▁*  " and timeline(t, t, 0.0, 4) == ""
+
+
+def test_a_sparkline_shows_growth_by_decades():
+    """One bar a power of ten; the largest of each stretch, whatever its sign."""
+    assert sparkline([10.0**-k for k in range(8)], 8) == BARS[::-1]
+    assert sparkline([1.0, -1e-3, 1e-3, 1.0, 1e-7, 1e-7], 3) == "██▁"
+    assert sparkline([1.0, 1.0, 1.0], 3) == "███"
+    assert sparkline([1.0, 2.0, 3.0], 3, log=False) == "▁▅█" or sparkline([1.0, 2.0, 3.0], 3, log=False) == "▁▄█"
+
+
+def test_what_is_not_there_is_blank():
+    """NaN is a gap, zero and rounding are the bottom."""
+    assert sparkline([math.nan, 1.0, 0.0, 1e-30], 4) == " █▁▁"
+    assert sparkline([math.nan, math.inf], 2) == "  " and sparkline([], 5) == "" and sparkline([0.0, 0.0], 9) == "▁▁"
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(st.lists(st.floats(), max_size=60), st.integers(1, 30), st.booleans())
+def test_any_series_has_a_sparkline(values, width, log):
+    assert len(sparkline(values, width, log=log)) == min(width, len(values))
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 200])
+def test_tables_fit(width):
+    """Columns of large rank go first, then text folds at blanks; numbers are never broken."""
+    ranked = [Column(letter * 20, rank=rank) for rank, letter in enumerate("xy", 1)]
+    columns = (Column("case", right=False, fold=True), Column("kept"), *ranked)
+    rows = [("p s[first_option=1,second_option=2,third_option=3]", "1.23e-05", "1", "2")]
+    out = Console(width=width)
+    with out.capture() as caught:
+        out.print(fit_table(columns, rows, width))
+    text = caught.get()
+    assert all(len(line) <= width for line in text.splitlines()) and "1.23e-05" in text
+    assert ("y" * 20 in text) == (width >= 80) and ("x" * 20 in text) == (width >= 60)
+    assert "third_option=3" in text.replace("\n", "") and "first_option=1" in text
+
+
+def test_a_claim_is_shown_as_published(capsys):
+    assert main(["claim", "6-gc-planar"]) == 0
+    said = capsys.readouterr().out
+    (published,) = (c for c in files.read_claims(files.PUBLISHED) if c.id == "6-gc-planar")
+    found = f"at the paper's settings: {published.paper.verdict}", f"beyond them: {published.beyond.verdict}"
+    for words in (published.claim, published.quote, *found, "why: ", "tried with gauge", "claim 6-gc-planar --run"):
+        assert words in said
+    assert main(["claim", "6-gc-planar", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["id"] == "6-gc-planar"
+
+
+@pytest.mark.slow
+def test_the_runs_of_a_claim_alone_are_made_and_judged(tmp_path, capsys):
+    """Of the suite's thousands; a second call makes none of them again."""
+    folder = tmp_path / "one"
+    (own,) = (c for c in read_register().claims if c.id == "1-any-duration")
+    for _ in range(2):
+        assert main(["claim", "1-any-duration", "--run", "--out", str(folder), "--jobs", "1", "--json"]) in (0, 1)
+        found = json.loads(capsys.readouterr().out)
+        runs = {p.name: p.stat().st_mtime_ns for p in (folder / "runs").iterdir()}
+        assert len(runs) == len(found["settings_ids"]) > 0 and found["claim"] == own.claim
+        assert "SUPPORTED" in {f["verdict"] for f in (found["paper"], found["beyond"]) if f}
+        before = runs if _ == 0 else before
+    assert runs == before

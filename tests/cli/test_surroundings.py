@@ -1,5 +1,6 @@
-"""What surrounds the command changes no result: options of the interpreter, the locale, threads of a plugin."""
+"""What surrounds the command changes no result, and machines get JSON, one object a line, and nothing else."""
 
+import json
 import os
 import subprocess
 import sys
@@ -74,18 +75,71 @@ def test_a_plugin_that_starts_threads_when_imported(tmp_path, command):
     assert done.returncode == 2 and done.stderr.count("\n") == 1 and "start a plugin's own in solve" in done.stderr
 
 
-@pytest.mark.parametrize("rtol", [1e-16, 1e-300])
-def test_a_tolerance_below_rounding_is_refused(rtol, capsys, tmp_path):
-    """SciPy takes its least instead and says so to nobody; others take steps of no length."""
-    line = ["solve", "heavy_top", "rk45_strong_form", "--set", f"rtol={rtol}", "--out", str(tmp_path / "x.npz")]
-    assert main(line) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "rtol must be at least 2.22e-14" in said
-
-
 @pytest.mark.parametrize("name", ["cvode", "ida_index1", "ndf_index1", "rk45_strong_form", "rkmk_dop853"])
 def test_at_the_least_tolerance_a_run_ends_as_a_status(name):
     """Of a kind each: reached, too small a step, or out of time; no exception, no crash."""
     problem = registry.make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 0.05})
     done = registry.make_solver(name).solve(problem, StepControl(rtol=LEAST_RTOL, cpu_limit=20.0))
     assert done.status in (Status.SUCCESS, Status.STEP_UNDERFLOW, Status.STALLED), done.message
+
+
+PAIRS = """
+name = "small"
+[[runs]]
+problem = "free_fall"
+solver = ["exact", "raises"]
+dt = [0.1, 0.2]
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    where = tmp_path_factory.mktemp("json")
+    (where / "small.toml").write_text(f'plugins = ["{PLUGIN}"]\n' + PAIRS)
+    for name in ("a", "b"):
+        assert main(["run", str(where / "small.toml"), "--out", str(where / name), "--json"]) == 0
+    return where
+
+
+@pytest.fixture
+def objects(place, capsys, monkeypatch):
+    """The lines of a command with ``--json``, in the folder of the runs."""
+
+    def call(*arguments, code=0):
+        monkeypatch.chdir(place)
+        capsys.readouterr()
+        assert main([*arguments, "--json"]) == code
+        out, err = capsys.readouterr()
+        assert not err
+        return [json.loads(line, parse_constant=pytest.fail) for line in out.splitlines()]
+
+    return call
+
+
+def test_run(objects):
+    """One object at its end: where, how many, how they ended."""
+    (said,) = objects("run", "small.toml", "--out", "c")
+    assert said["runs"] == 4 and said["statuses"] == {"success": 2, "crashed": 2}
+    assert said["folder"] == "c" and said["not_begun"] == 0
+
+
+def test_list(objects):
+    (said,) = objects("list")
+    top = next(p for p in said["problems"] if p["name"] == "heavy_top")
+    assert {"t_end", "yaw"} <= {o["name"] for o in top["parameters"]} and all(o["doc"] for o in top["parameters"])
+    assert {s["control"] for s in said["solvers"]} == {"dt", "rtol"} and "ci" in said["suites"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "key"),
+    [(("show", "a"), 0, "settings_id"), (("diff", "a", "b"), 0, "same"),
+     (("history", "a", "b"), 0, "energy_drift_max_J"),
+     (("merge", "d", "a", "b"), 0, "conflicts"),
+     (("verify", "a", "--sample", "1", "--plugin", str(PLUGIN)), 0, "alike"),
+     (("solve", "free_fall", "exact", "--out", "x.npz"), 0, "status"),
+     (("solve", "free_fall", "raises", "--out", "x.npz"), 1, "status")],
+)  # fmt: skip
+def test_others(objects, arguments, code, key):
+    """Numbers that do not exist are null or words, never NaN."""
+    said = objects(*arguments, code=code)
+    assert said and all(key in x for x in said)

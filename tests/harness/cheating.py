@@ -8,10 +8,8 @@ import signal
 import time
 from dataclasses import dataclass
 
-from mbsbench.harness.catalogue.options import option
-from mbsbench.harness.catalogue.registry import solver
-from mbsbench.harness.types import Problem, StepControl, Trajectory
-from mbsbench.tests.harness.misbehaving import _Base
+from mbsbench import Problem, StepControl, Trajectory, option, solver
+from mbsbench.tests.harness.misbehaving import Exact
 
 WORK = 0.3  # [s] of CPU that the motion is said to need
 MUCH = 1.8  # [s] where the system itself does not account for it, and it is looked at from outside, now and then
@@ -44,8 +42,11 @@ def apart(detached: bool, seconds: float = WORK, twice: bool = False) -> int:
 DONE: set[int] = set()  # processes in which the work was done already
 
 
+@solver("cheats")
 @dataclass(frozen=True)
-class _Cheat(_Base):
+class Cheats(Exact):
+    """One solver for all."""
+
     where: str = option(
         "call", "where it works",
         choices=("call", "refuses", "daemon", "daemon_in_refuses", "child", "disowned", "clocks", "half", "set_up",
@@ -53,7 +54,6 @@ class _Cheat(_Base):
     )  # fmt: skip
 
     def refuses(self, p: Problem, control: StepControl) -> str | None:
-        """Work there, too."""
         if self.where == "refuses":
             work()
         if self.where == "file":
@@ -67,7 +67,6 @@ class _Cheat(_Base):
         return None
 
     def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """The exact motion."""
         cost = {"cpu_time": float("nan")}
         if self.where in ("call", "half", "set_up"):
             work()
@@ -89,9 +88,3 @@ class _Cheat(_Base):
             DONE.add(os.getpid())
             work()
         return dataclasses.replace(super().solve(p, control), **cost)
-
-
-@solver("cheats")
-@dataclass(frozen=True)
-class Cheats(_Cheat):
-    """One solver for all."""

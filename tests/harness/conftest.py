@@ -1,6 +1,5 @@
 """Runs of the misbehaving solvers, the command line as a process, and records to judge."""
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,7 +10,7 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.execution.runner import Request, Watcher, run_suite
 from mbsbench.harness.results.store import Loaded
 from mbsbench.harness.suites.suite import parse_suite
 
@@ -42,43 +41,39 @@ def begun_here():
     return lambda: [p for p in psutil.Process().children() if p not in before and p.status() != psutil.STATUS_ZOMBIE]
 
 
-class Silent:
+class Silent(Watcher):
     """A watcher that remembers which runs were run."""
 
     def __init__(self) -> None:
         self.ran: list[str] = []
         self.set_aside: list[str] = []
         self.left: list[str] = []
+        self.total = 0
 
     def begin(self, folder, total, waiting, unreadable):
-        self.set_aside = [u.path.name for u in unreadable]
-
-    def started(self, job):
-        pass
+        self.set_aside, self.total = [u.path.name for u in unreadable], total
 
     def ended(self, job, record):
         self.ran.append(job.spec.case)
 
-    def warmed(self, times, references):
-        pass
-
     def stopped(self, left, limit):
         self.left = [job.spec.case for job in left]
 
-    def tick(self):
-        pass
+
+def run_in(
+    folder: Path, text: str, jobs: int = 2, *, plugins=(PLUGIN,), pool=LocalPool, **request
+) -> tuple[Loaded, Silent]:
+    """Run the text of a suite in a folder: what is there then, and what the watcher saw."""
+    suite, watcher = parse_suite(text, "test", "test", plugins=tuple(map(str, plugins))), Silent()
+    return run_suite(Request(suite, folder, jobs, **request), watcher, pool), watcher
 
 
 @pytest.fixture
 def run_text(tmp_path: Path) -> Callable[..., tuple[Loaded, Silent]]:
     """Run the text of a suite in a folder of its own."""
 
-    def run(
-        text: str, *, folder: Path = tmp_path / "run", resume: bool = False, jobs: int = 2
-    ) -> tuple[Loaded, Silent]:
-        suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
-        watcher = Silent()
-        return run_suite(Request(suite, folder, jobs, resume), watcher, LocalPool), watcher
+    def run(text: str, *, folder: Path = tmp_path / "run", **more):
+        return run_in(folder, text, **more)
 
     return run
 
@@ -89,9 +84,6 @@ def command(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess]:
 
     def call(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess:
         line = (sys.executable, "-m", "mbsbench.cli", *arguments)
-        environment = dict(os.environ)
-        return subprocess.run(
-            line, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=timeout, check=False
-        )
+        return subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=timeout, check=False)
 
     return call

@@ -9,12 +9,14 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from mbsbench import Parameter, Problem, States, Status, StepControl, Trajectory, option, problem, solver
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.catalogue.options import Parameter, option
-from mbsbench.harness.catalogue.registry import problem, solver
-from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
-from mbsbench.tests.harness.misbehaving import FreeFall, _Base  # the honest motion that is lied about
+from mbsbench.tests.harness.misbehaving import (
+    Exact,
+    FreeFall,
+    follow_exactly,
+    solver_of,
+)  # the honest motion that is lied about
 
 
 def folder_of(control: StepControl):
@@ -29,7 +31,6 @@ class BadReference(FreeFall):
     how: str = "exits"
 
     def states(self, t: np.ndarray) -> States:
-        """Not."""
         if self.how == "exits":
             os._exit(0)
         while self.how == "hangs":
@@ -42,7 +43,6 @@ class NoBound(FreeFall):
     """The motion, with a bound on its error that is none."""
 
     def error(self, t: np.ndarray) -> np.ndarray:
-        """NaN."""
         return np.full(len(t), np.nan)
 
 
@@ -61,88 +61,67 @@ def badly_known(
     return dataclasses.replace(known, name="badly_known", reference_from=reference, parameters={})
 
 
-@solver("kills_itself")
-@dataclass(frozen=True)
-class KillsItself(_Base):
+@solver_of()
+def kills_itself(self, p, control):
     """By SIGKILL, as the system out of memory does."""
-
-    def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """Not."""
-        os.kill(os.getpid(), signal.SIGKILL)
-        raise AssertionError
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError
 
 
-@solver("deletes_results")
-@dataclass(frozen=True)
-class DeletesResults(_Base):
-    """All records that are there."""
-
-    def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """The exact motion, at the price of the others."""
-        for path in (folder_of(control) / "runs").glob("*.json"):
-            path.unlink()
-        return super().solve(p, control)
+@solver_of()
+def deletes_results(self, p, control):
+    """All records that are there, then the exact motion."""
+    for path in (folder_of(control) / "runs").glob("*.json"):
+        path.unlink()
+    return follow_exactly(self, p, control)
 
 
-@solver("forges")
-@dataclass(frozen=True)
-class Forges(_Base):
+@solver_of(how=option("record", "what it does", choices=("record", "verdict", "less_time", "more_time")))
+def forges(self, p, control):
     """Patches the verdict or the clock, or writes a perfect record of its own and leaves before it is measured."""
+    from mbsbench.harness.execution import measuring, worker
+    from mbsbench.harness.results import store
+    from mbsbench.harness.results.records import RunRecord
 
-    how: str = option("record", "what it does", choices=("record", "verdict", "less_time", "more_time"))
-
-    def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """A motion that is none."""
-        from mbsbench.harness.execution import measuring, worker
-        from mbsbench.harness.results import store
-        from mbsbench.harness.results.records import RunRecord
-
-        own = control.spool.path.stem  # type: ignore[union-attr]
-        if self.how == "record":
-            perfect = RunRecord(run_id=own, case="perfect", problem=p.name, solver="forges", status="success")
-            store.write_record(folder_of(control), perfect)
-            os._exit(0)
-        if self.how.endswith("time"):
-            worker.split_cost = lambda *_: ({"less_time": -5.0, "more_time": 1e6}[self.how], 0.0)
-            return super().solve(p, control)
-        measuring.doubts = lambda *_: []
-        measuring.inaccuracy = lambda *_: []
-        done = super().solve(p, control)
-        return dataclasses.replace(done, states=dataclasses.replace(done.states, r=1e3 + done.states.r))
+    own = control.spool.path.stem
+    if self.how == "record":
+        perfect = RunRecord(run_id=own, case="perfect", problem=p.name, solver="forges", status="success")
+        store.write_record(folder_of(control), perfect)
+        os._exit(0)
+    if self.how.endswith("time"):
+        worker.split_cost = lambda *_: ({"less_time": -5.0, "more_time": 1e6}[self.how], 0.0)
+        return follow_exactly(self, p, control)
+    measuring.doubts = lambda *_: []
+    measuring.inaccuracy = lambda *_: []
+    done = follow_exactly(self, p, control)
+    return dataclasses.replace(done, states=dataclasses.replace(done.states, r=1e3 + done.states.r))
 
 
-@solver("obstructs")
-@dataclass(frozen=True)
-class Obstructs(_Base):
+@solver_of(what=option("stderr", "whose place", choices=("stderr", "handed", "spool", "record", "errors")))
+def obstructs(self, p, control):
     """Puts a folder where a file of its run goes, or a file where the folder of a part goes."""
-
-    what: str = option("stderr", "whose place", choices=("stderr", "handed", "spool", "record", "errors"))
-
-    def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """The exact motion."""
-        folder, own = folder_of(control), control.spool.path.stem  # type: ignore[union-attr]
-        if self.what == "errors":
-            (folder / "stderr").rename(folder / "stderr_before")
-            (folder / "stderr").write_text("")
-            return super().solve(p, control)
-        place = folder / {
-            "stderr": f"stderr/{own}.txt", "handed": f".spool/{own}.npz", "spool": f".spool/{own}.rows",
-            "record": f"runs/{own}.json",
-        }[self.what]  # fmt: skip
-        place.unlink(missing_ok=True)
-        (place / "in_the_way").mkdir(parents=True)
-        return super().solve(p, control)
+    folder, own = folder_of(control), control.spool.path.stem
+    if self.what == "errors":
+        (folder / "stderr").rename(folder / "stderr_before")
+        (folder / "stderr").write_text("")
+        return follow_exactly(self, p, control)
+    place = folder / {
+        "stderr": f"stderr/{own}.txt", "handed": f".spool/{own}.npz", "spool": f".spool/{own}.rows",
+        "record": f"runs/{own}.json",
+    }[self.what]  # fmt: skip
+    place.unlink(missing_ok=True)
+    (place / "in_the_way").mkdir(parents=True)
+    return follow_exactly(self, p, control)
 
 
 @solver("breaks_the_contract")
 @dataclass(frozen=True)
-class BreaksTheContract(_Base):
+class BreaksTheContract(Exact):
     """Returns what its declaration excludes."""
 
     what: str = option("refuses", "which part of it", choices=("refuses", "counters", "status", "reaction", "notes"))
 
     def refuses(self, p: Problem, control: StepControl) -> Any:
-        """True instead of a reason."""
         return True if self.what == "refuses" else None
 
     def solve(self, p: Problem, control: StepControl) -> Trajectory:
@@ -154,53 +133,34 @@ class BreaksTheContract(_Base):
         return dataclasses.replace(super().solve(p, control), **wrong[self.what])
 
 
-@solver("claims_time")
-@dataclass(frozen=True)
-class ClaimsTime(_Base):
+@solver_of(cpu=option(0.0, "CPU time claimed", "s"))
+def claims_time(self, p, control):
     """Works for a while and says something else."""
-
-    cpu: float = option(0.0, "CPU time claimed", "s")
-
-    def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """The exact motion, after some work."""
-        done = super().solve(p, control)
-        for _ in range(40):
-            np.linalg.svd(np.ones((200, 200)))
-        return dataclasses.replace(done, cpu_time=self.cpu, setup_time=0.0)
+    for _ in range(40):
+        np.linalg.svd(np.ones((200, 200)))
+    return dataclasses.replace(follow_exactly(self, p, control), cpu_time=self.cpu, setup_time=0.0)
 
 
-@solver("lazy")
-@dataclass(frozen=True)
-class Lazy(_Base):
-    """Motions that keep every law at each instant by itself."""
-
-    how: str = option("stays", "what is wrong", choices=("stays", "stays_still", "reversed", "two_rows", "turned"))
-
-    def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """Success claimed."""
-        done = super().solve(p, control)
-        s, n = done.states, len(done.t)
-        if self.how == "reversed":  # after the start
-            sign = np.where(np.arange(n) > 0, -1.0, 1.0)[:, None, None]
-            return dataclasses.replace(done, states=States(s.r, s.R, sign * s.v, sign * s.Omega))
-        if self.how == "turned":  # R says nothing of Omega
-            return dataclasses.replace(done, states=States(s.r, np.repeat(s.R[:1], n, axis=0), s.v, s.Omega))
-        if self.how == "two_rows":
-            ends: np.ndarray = np.array([0, n - 1])
-            return dataclasses.replace(done, t=done.t[ends], states=s.at(ends))
-        first = [np.repeat(a[:1], 2, axis=0) for a in (s.r, s.R, s.v, s.Omega)]
-        return dataclasses.replace(done, t=np.array([0.0, p.t_end]), states=States(*first), status=Status.SUCCESS)
+@solver_of(how=option("stays", "what is wrong", choices=("stays", "stays_still", "reversed", "two_rows", "turned")))
+def lazy(self, p, control):
+    """Motions that keep every law at each instant by itself, and claim success."""
+    done = follow_exactly(self, p, control)
+    s, n = done.states, len(done.t)
+    if self.how == "reversed":  # after the start
+        sign = np.where(np.arange(n) > 0, -1.0, 1.0)[:, None, None]
+        return dataclasses.replace(done, states=States(s.r, s.R, sign * s.v, sign * s.Omega))
+    if self.how == "turned":  # R says nothing of Omega
+        return dataclasses.replace(done, states=States(s.r, np.repeat(s.R[:1], n, axis=0), s.v, s.Omega))
+    if self.how == "two_rows":
+        ends: np.ndarray = np.array([0, n - 1])
+        return dataclasses.replace(done, t=done.t[ends], states=s.at(ends))
+    first = [np.repeat(a[:1], 2, axis=0) for a in (s.r, s.R, s.v, s.Omega)]
+    return dataclasses.replace(done, t=np.array([0.0, p.t_end]), states=States(*first), status=Status.SUCCESS)
 
 
-@solver("pulls")
-@dataclass(frozen=True)
-class Pulls(_Base):
-    """An honest motion with reactions of a billion newtons."""
-
-    force: float = option(1e9, "of every row", "N")
-
-    def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """By our own solver."""
-        done = registry.make_solver("rkmk_dop853").solve(p, StepControl(rtol=1e-8))
-        reaction = np.full((len(done.t), p.system.nrows), self.force)
-        return dataclasses.replace(done, reaction=reaction, cpu_time=float("nan"))
+@solver_of(force=option(1e9, "of every row", "N"))
+def pulls(self, p, control):
+    """An honest motion, by our own solver, with reactions of a billion newtons."""
+    done = registry.make_solver("rkmk_dop853").solve(p, StepControl(rtol=1e-8))
+    reaction = np.full((len(done.t), p.system.nrows), self.force)
+    return dataclasses.replace(done, reaction=reaction, cpu_time=float("nan"))

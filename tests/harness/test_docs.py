@@ -1,4 +1,4 @@
-"""Documentation names only what exists: files, modules, commands, links; and the layers as they are enforced."""
+"""Documentation names only what exists and fits its budget: files, commands, links, words, lines, layers."""
 
 import re
 import tomllib
@@ -9,6 +9,11 @@ from mbsbench.cli.__main__ import import_commands
 from mbsbench.harness.results.environment import ROOT
 
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+GENERATED = "verdicts.md"
+GENERATED_TABLES = re.compile(r"<!-- [^>]*written by make joints -->.*?<!-- end -->", re.DOTALL)
+WORDS = 18_000  # of all pages written by hand together, as ``wc -w`` counts them
+LONGEST = 140  # characters of a line
 PATH = re.compile(r"`((?:harness|reports|problems|solvers|tests|docs|results/baselines|results/published)/[\w./-]*)`")
 LINK = re.compile(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)")
 COMMAND = re.compile(r"^ *mbsbench (\w+)|`mbsbench (\w+)", re.MULTILINE)
@@ -20,9 +25,8 @@ def headings(page):
     return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+@each_page
 def test_what_a_page_names_exists(page):
-    """A file that was moved is found here first."""
     text = page.read_text(encoding="utf-8")
     assert not [p for p in PATH.findall(text) if not (ROOT / p).exists()]
     for target, anchor in LINK.findall(text):
@@ -31,6 +35,20 @@ def test_what_a_page_names_exists(page):
         assert not anchor or anchor in headings(linked), f"{target}#{anchor}"
     commands = {m.__name__.rpartition(".")[2] for m in import_commands()}
     assert {a or b for a, b in COMMAND.findall(text)} - {"COMMAND"} <= commands
+
+
+def test_all_pages_together_keep_to_the_budget():
+    texts = {p.name: GENERATED_TABLES.sub("", p.read_text(encoding="utf-8")) for p in PAGES if p.name != GENERATED}
+    counts = {name: len(text.split()) for name, text in texts.items()}
+    assert sum(counts.values()) <= WORDS, sorted(counts.items(), key=lambda c: -c[1])
+
+
+@each_page
+def test_lines_fit(page):
+    """Rows of tables, and lines that one link fills, cannot be broken."""
+    lines = page.read_text(encoding="utf-8").splitlines() if page.name != GENERATED else []
+    long = [line for line in lines if len(line) > LONGEST and not re.match(r"\||!?\[[^]]*\]\(\S*\)$", line)]
+    assert not long, long
 
 
 def test_the_page_on_the_layout_shows_the_layers_that_are_enforced():
@@ -51,6 +69,5 @@ def test_the_readme_shows_the_solver_of_its_page():
 
 
 def test_every_room_of_the_harness_says_what_it_is_for():
-    """``ls harness`` is the table of contents."""
     rooms = list((ROOT / "harness").glob("*/__init__.py"))
     assert rooms and not [p for p in rooms if not p.read_text(encoding="utf-8").startswith('"""')]

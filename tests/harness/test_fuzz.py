@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from mbsbench import Problem, State, Status
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.job import Job
@@ -24,7 +25,6 @@ from mbsbench.harness.execution.supervisor import Supervisor
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import read_thresholds, write_thresholds
 from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start, project
-from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from mbsbench.harness.metrics import measure
 from mbsbench.harness.results import store
@@ -33,9 +33,6 @@ from mbsbench.harness.results.series import BadSeries, read_series
 from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import load_suite, parse_suite
-from mbsbench.harness.types import Problem, Status
-
-from .conftest import PLUGIN
 
 DRAWN = int(os.environ.get("FUZZ", "0"))
 CALM = {"deadline": None, "derandomize": not DRAWN, "suppress_health_check": list(HealthCheck)}
@@ -90,7 +87,7 @@ def test_suites_are_read_or_refused_in_a_line(change, place):
         f"{head}\n" + "".join(f"{k} = {toml(v)}\n" for k, v in groups[name].items())
         for head, name in (("[defaults]", "defaults"), ("[[runs]]", "runs"))
     )
-    suite = told(lambda: parse_suite(text, "fuzz", "fuzz", plugins=(str(PLUGIN),)), FileError)
+    suite = told(lambda: parse_suite(text, "fuzz", "fuzz"), FileError)
     assert suite is None or suite.specs
     for c in suite.specs if suite else ():
         assert all(math.isfinite(x) and x > 0 for x in (c.cpu_limit, c.memory, c.repeats, c.control.dt))
@@ -112,17 +109,8 @@ def test_heads_of_suites_are_read_or_refused_in_a_line(change, tmp_path_factory)
     (folder / "base.toml").write_text(group)
     head = "".join(f"{k} = {toml(v)}\n" for k, v in change.items())
     (folder / "self.toml").write_text(head + ("" if "runs" in change else group))
-    suite = told(lambda: load_suite(str(folder / "self.toml"), (str(PLUGIN),)), FileError)
+    suite = told(lambda: load_suite(str(folder / "self.toml")), FileError)
     assert suite is None or (suite.specs and (suite.total_limit is None or 0 < suite.total_limit < math.inf))
-
-
-@MORE
-@given(st.text(max_size=60) | st.binary(max_size=60).map(lambda b: b.decode("latin-1")))
-def test_any_text_is_no_suite(text):
-    """Nor does it hang the parser."""
-    with pytest.raises(FileError) as error:
-        parse_suite(text, "fuzz", "fuzz")
-    assert in_a_line(error.value)
 
 
 bound_keys = st.sampled_from(["value", "upper", "lower", "samples", "reason", "expect", "tolerance", "nonsense"])
@@ -177,9 +165,12 @@ def test_damaged_record_files_are_never_good(cut, flip, noise, tmp_path_factory)
 
 
 @MORE
-@given(noise=st.binary(max_size=200))
-def test_noise_is_no_series(noise, tmp_path_factory):
-    """Not even when it begins like a ZIP file."""
+@given(noise=st.binary(max_size=200), text=st.text(max_size=60))
+def test_noise_is_no_series_and_no_suite(noise, text, tmp_path_factory):
+    for words in (text, noise.decode("latin-1")):
+        with pytest.raises(FileError) as error:
+            parse_suite(words, "fuzz", "fuzz")
+        assert in_a_line(error.value)
     path = tmp_path_factory.mktemp("s") / "x.npz"
     for content in (noise, b"PK\x03\x04" + noise, b"\x93NUMPY" + noise):
         path.write_bytes(content)
@@ -209,7 +200,7 @@ def test_filters_of_show_are_reported_in_one_line(value, flag, capsys, tmp_path_
 def test_values_on_the_command_line_are_reported_in_one_line(key, value, mass, capsys, tmp_path_factory):
     """Exit code 2, one line, nothing written; only numbers that make sense get any further."""
     folder = tmp_path_factory.mktemp("c") / "gone"
-    line = ["solve", "free_fall", "exact", "--plugin", str(PLUGIN), "--out", str(folder / "x.npz")]
+    line = ["solve", "free_fall", "exact", "--out", str(folder / "x.npz")]
     code = main([*line, f"--set={key}={value}", f"--problem-set=mass={mass}"])
     out, err = capsys.readouterr()
     assert code == 2 and err.count("\n") == 1 and err.startswith("error: ") and not out and not folder.exists()
@@ -242,11 +233,15 @@ def mechanisms(draw):
     return Problem("random", system, start, t_end=0.05, dt=0.005, section="", source="drawn")
 
 
-def consistent(problem):
-    """The start made consistent, or InconsistentStart."""
-    state = project(problem.system, problem.initial)
-    check_start(problem.system, state)
-    return state
+def movable(problem):
+    """With the start made consistent, or None where that is refused: a loop that cannot turn as drawn."""
+
+    def consistent():
+        state = project(problem.system, problem.initial)
+        check_start(problem.system, state)
+        return dataclasses.replace(problem, initial=state)
+
+    return told(consistent, InconsistentStart, ValueError)
 
 
 @pytest.mark.slow
@@ -257,10 +252,8 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
 
     The suite ``random`` puts 360 mechanisms before their references; here a few of another generator.
     """
-    moving = told(lambda: consistent(problem), InconsistentStart, ValueError)  # e.g. a loop that cannot turn as drawn
-    if moving is None:
+    if (problem := movable(problem)) is None:
         return
-    problem = dataclasses.replace(problem, initial=moving)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
         patch.setattr(measure, "reference_of", lambda problem: None)  # laws alone: a reference takes up to a minute
@@ -287,10 +280,8 @@ AGREE = 1e-3  # of the length, after 0.05 s: bodies of a millionth of another's 
 @given(problem=mechanisms())
 def test_random_mechanisms_move_alike_in_all_solvers(problem, tmp_path_factory):
     """Each solver in a process of its own, as in runs: no crash, no hang; those that claim success agree."""
-    moving = told(lambda: consistent(problem), InconsistentStart, ValueError)
-    if moving is None:
+    if (problem := movable(problem)) is None:
         return
-    problem = dataclasses.replace(problem, initial=moving)
     folder = store.create(tmp_path_factory.mktemp("m"))
     supervisor, ended = Supervisor(), []
     with pytest.MonkeyPatch.context() as patch:

@@ -79,7 +79,6 @@ def test_what_is_no_json_is_refused_in_a_line(text):
 
 
 def test_json_has_null_for_a_number_that_does_not_exist():
-    """Of Python and of numpy."""
     value = {"a": math.nan, "b": np.float64(math.inf), "c": np.array([1.0, math.nan]), "d": np.int64(3), "e": (1, "é")}
     for indent in (0, 1):
         assert json.loads(to_json(value, indent=indent), parse_constant=pytest.fail) == {

@@ -6,11 +6,10 @@ The laws are those of the full system in (r, R): nothing here knows angles, elli
 import numpy as np
 import pytest
 
+from mbsbench import Problem, Reference, constraint_jacobian
 from mbsbench.harness.catalogue.registry import make_problem, problems
 from mbsbench.harness.mechanics import motion, so3
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.state import States, rotated
-from mbsbench.harness.types import Problem, Reference
 
 TURN = {"yaw": 0.7, "rotation": (0.3, -0.2, 0.5)}
 CASES = [(name, given) for name in problems() for given in ({}, TURN, {"perturb": 1e-3, "seed": 2})]
@@ -39,17 +38,27 @@ STEP = 2e-4  # [s] of differences: rounding/STEP and (rate STEP)^6 rate are both
 DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 
 
-@pytest.fixture(params=CASES, ids=NAMES)
+@pytest.fixture(scope="module", params=CASES, ids=NAMES)
 def presented(request: pytest.FixtureRequest) -> Problem:
     return make_problem(*request.param)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def known(presented: Problem) -> Reference:
     reference = presented.reference()
     if reference is None:
         pytest.skip("no reference of its own from this start")
     return reference
+
+
+def around(p: Problem, reference: Reference) -> list[States]:
+    """The motion at a few times, and three steps before and after each."""
+    return [reference.states(times(p, reference)[5:36:10] + k * STEP) for k in range(-3, 4)]
+
+
+def rate(name: str, near: list[States]) -> np.ndarray:
+    """Sixth-order differences."""
+    return sum(c * getattr(s, name) for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
 
 
 def times(p: Problem, reference: Reference) -> np.ndarray:
@@ -72,24 +81,17 @@ def test_the_reference_starts_where_the_problem_does(presented: Problem, known: 
 
 
 def test_velocities_are_the_derivative_of_poses(presented: Problem, known: Reference) -> None:
-    """Sixth-order differences of r and R give v and Omega."""
-    t = times(presented, known)[5:36:10]
-    near = [known.states(t + k * STEP) for k in range(-3, 4)]
-    rate = 1.0 + np.max(np.abs(near[3].Omega))
-    r_dot = sum(c * s.r for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
-    R_dot = sum(c * s.R for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
-    assert np.max(np.abs(r_dot - near[3].v)) < 1e-10 * rate
-    assert np.max(np.abs(R_dot - near[3].R @ so3.hat(near[3].Omega))) < 1e-10 * rate
+    near = around(presented, known)
+    turn = 1.0 + np.max(np.abs(near[3].Omega))
+    assert np.max(np.abs(rate("r", near) - near[3].v)) < 1e-10 * turn
+    assert np.max(np.abs(rate("R", near) - near[3].R @ so3.hat(near[3].Omega))) < 1e-10 * turn
 
 
 def test_the_reference_obeys_newton_and_euler(presented: Problem, known: Reference) -> None:
     """m a and J Omega_dot + Omega x J Omega less what is applied are the joints' forces: in the range of A^T."""
-    system = presented.system
-    t = times(presented, known)[5:36:10]
-    near = [known.states(t + k * STEP) for k in range(-3, 4)]
-    v_dot = sum(c * s.v for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
-    W_dot = sum(c * s.Omega for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
-    for k in range(len(t)):
+    system, near = presented.system, around(presented, known)
+    v_dot, W_dot = rate("v", near), rate("Omega", near)
+    for k in range(len(near[3])):
         here = near[3][k]
         force = system.mass[:, None] * v_dot[k]
         momentum = np.einsum("bij,bj->bi", system.inertia, here.Omega)

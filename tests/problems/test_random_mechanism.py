@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
+from mbsbench import State, States, Status, StepControl, independent_rows, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.mechanics import so3
-from mbsbench.harness.mechanics.jacobian import independent_rows
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
-from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.metrics.measure import _laws
 from mbsbench.harness.reference.computed import computed
-from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.formulations.rank import rows_to_keep
 
 SIZES = pytest.mark.parametrize("size", [1e-5, 1e5])

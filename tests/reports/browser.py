@@ -104,6 +104,11 @@ class Browser:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def close_tabs(self) -> None:
+        """All that are open."""
+        while self._tabs:
+            next(iter(self._tabs.values())).close()
+
     def close(self) -> None:
         """End the process."""
         os.close(self._write)
@@ -278,3 +283,4 @@ class Tab:
     def close(self) -> None:
         """Close the tab."""
         self.browser.call("Target.closeTarget", targetId=self.target)
+        del self.browser._tabs[self.session]

@@ -160,3 +160,11 @@ def matrices(tmp_path_factory):
                            position_error_max_m=4.0 - k), series())  # fmt: skip
     write_text(folder / "environment.json", "{}")
     return site.build(folder)
+
+
+@pytest.fixture(autouse=True)
+def closed_tabs(request):
+    """A test's tabs end with it, however it ends."""
+    yield
+    if "browser" in request.fixturenames:
+        request.getfixturevalue("browser").close_tabs()

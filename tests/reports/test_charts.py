@@ -22,8 +22,8 @@ from mbsbench.reports.plots.printed import Legend
 from mbsbench.reports.plots.spec import Trace
 from mbsbench.reports.plots.work import work_chapter
 
-from .bundles import opened
 from .conftest import HOSTILE, put, record, series
+from .outline import opened
 
 CATALOGUE = ("gc_weak_form", "gc_augmented_lagrangian", "rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3")
 
@@ -112,6 +112,7 @@ def test_looks_follow_from_the_name_whoever_takes_part():
     own = palette.looks(["aaa", *shipped, "zzz"])
     assert {name for name, look in own.items() if look.family == palette.PLUGINS} == {"aaa", "zzz"}
     assert sum(map(len, palette.families(own).values())) == len(own)
+    assert len(palette.looks(f"solver{k}" for k in range(20))) == 20  # more than there are colours
 
 
 def test_engines_have_a_marker_of_their_own():
@@ -161,11 +162,6 @@ def test_each_run_has_its_own_limit():
     assert name(1.0, 1.005) == "limit 0.100 J"
     assert name(9.0, 1.0) == "least limit 0.100 J, each run its own"
     assert limit([stopped], Law.ENERGY, 2.0) == []
-
-
-def test_many_solvers_still_have_looks():
-    """More than there are colours."""
-    assert len(palette.looks(f"solver{k}" for k in range(20))) == 20
 
 
 def test_finest_settings_are_solid_and_stand_for_their_solver(tmp_path):

@@ -1,12 +1,23 @@
-"""The cheapest solver for an error: interpolated along each method, refusals and misses kept beside."""
+"""Who holds, drifts and breaks; the cheapest for an error, how long motions are followed, the card of it all."""
+
+import json
+import math
+import re
+import xml.etree.ElementTree as ET
 
 import pytest
+from msgspec.structs import replace
 
 from mbsbench.reports import site
-from mbsbench.reports.model.frontier import frontiers
-from mbsbench.reports.model.results import read_results
+from mbsbench.reports.model.followed import followed
+from mbsbench.reports.model.frontier import frontiers, of_most_problems
+from mbsbench.reports.model.results import Run, Variant, read_results
+from mbsbench.reports.model.scores import finest, score, standings, unpredictable
+from mbsbench.reports.model.variants import OTHER_PARAMETERS, broadest, themselves, variant_groups
+from mbsbench.reports.pages.runs.card import card_of
 
-from .conftest import put, record
+from .conftest import because, put, record
+from .pages.synthetic import DRIFT, ORDER
 
 HALVINGS = range(9)
 
@@ -80,3 +91,144 @@ def test_a_presentation_has_no_frontier(tmp_path):
     for solver in ("alpha", "beta"):
         ladder(tmp_path, solver, 4.0, 1e-3, problem_parameters='{"unit_mass": 1024}')
     assert frontiers(read_results(tmp_path)) == []
+
+
+def test_bars_end_where_the_error_passes_or_the_reference_ends():
+    """Of 4 s, compared to 3 s: left at 2 s, followed to the end of the reference, never compared, stopped at 1 s."""
+    asked = {"t_end_s": 4.0, "t_reached_s": 4.0, "compared_to_s": 3.0}
+
+    def until(*times: float) -> dict[str, float]:
+        return dict(zip(("accurate_until_s", "accurate_until_1pct_s", "accurate_until_0p1pct_s"), times, strict=True))
+
+    stopped = {**asked, "t_reached_s": 1.0, "compared_to_s": 1.0, **until(1.0, 1.0, 0.5)}
+    runs = [
+        Run(record("a1", "alpha", **asked, **until(2.0, 1.0, 0.5))),
+        Run(record("a2", "alpha", dt_s=0.1, **asked, **until(0.5, 0.2, 0.1))),  # coarser
+        Run(record("b1", "beta", **asked, **until(3.0, 3.0, 2.0))),
+        Run(record("c1", "gamma")), Run(record("d1", "delta", "diverged", **stopped)),
+    ]  # fmt: skip
+    beta, alpha, delta = followed(Variant("p", "p", tuple(runs)))
+    assert [f.run.record.run_id for f in (beta, alpha, delta)] == ["b1", "a1", "d1"]
+    assert alpha.known == 4.0 and alpha.shades == (("tenth", 12.5), ("one", 12.5), ("ten", 25.0)) and not alpha.open
+    assert beta.shades == (("tenth", 50.0), ("one", 25.0), ("ten", 0.0)) and beta.open and not delta.open
+    assert beta.words == "at least 3 s (10 %), at least 3 s (1 %), 2 s (0.1 %)"
+    assert delta.words == "1 s (10 %), 1 s (1 %), 0.5 s (0.1 %)"
+
+
+def facts(card) -> dict[str, str]:
+    return {f.name: f.value for f in card.facts}
+
+
+def test_the_order_is_the_narrowest_one_at_default_options():
+    wide = replace(ORDER, solver="alpha", case="alpha", quantity="position", order=3.9, low=3.5, high=4.3, declared=4.0)
+    own = [wide, replace(wide, order=4.01, low=3.99, high=4.03, verdict="certified"),
+           replace(wide, case="alpha[gauge=zero]", order=1.0, low=1.0, high=1.0)]  # fmt: skip
+    card = card_of("alpha", own, (), (), ())
+    assert facts(card)["order"].startswith("4.01 (3.99 to 4.03), declared 4") and len(card.facts) == 1
+
+
+def test_the_energy_is_that_of_the_longest_run():
+    long = replace(DRIFT, solver="alpha", case="pendulum alpha dt=0.1", periods=320, verdict="trend",
+                   trend_W=2e-5, span_s=100.0)  # fmt: skip
+    card = card_of("alpha", (), (replace(long, periods=30, verdict="bounded"), long), (), ())
+    assert facts(card)["energy"] == f"drifts over 320 periods of {long.problem}, by 0.0020 J"
+
+
+def test_cost_and_followed_time_are_those_of_the_runs(tmp_path):
+    """Twice as dear at every error on one problem; left at 1.5 of 2 s."""
+    ladder(tmp_path, "alpha", 4.0, 2e-3, accurate_until_s=1.5, accurate_until_1pct_s=1.0, accurate_until_0p1pct_s=0.5)
+    ladder(tmp_path, "beta", 4.0, 1e-3)
+    results = read_results(tmp_path)
+    follow = [f for v in results.variants for f in followed(v)]
+    card = card_of("alpha", (), (), follow, of_most_problems(frontiers(results)))
+    assert facts(card)["cost"].startswith("×2.0 the cheapest at ")
+    assert facts(card)["followed"] == "0 of 1 motion to the end of the reference; least pendulum, 1.5 of 2 s"
+
+
+@pytest.mark.parametrize("name", ["alpha", '<script>alert("1")</script>'])
+def test_the_badge_is_a_file_of_its_own(tmp_path, name):
+    """An SVG that needs no page, with the values of the card, whatever the solver is called."""
+    own = replace(ORDER, solver=name, case=name, quantity="position", order=2.0, low=1.9, high=2.1)
+    badge = str(card_of(name, [own], (), (), ()).badge)
+    assert "order 2.00" in badge and "<script>" not in badge and "var(" not in badge
+    root = ET.fromstring(badge)
+    assert root.tag.endswith("svg") and float(root.attrib["width"]) > 0.0
+    texts = [t for t in root.iter() if t.tag.endswith("text")]
+    right = max(float(t.attrib["x"]) for t in texts)
+    assert right < float(root.attrib["width"]) and re.match(r"[\w<]", texts[0].text)
+
+
+def test_nothing_is_said_of_what_is_not_known(tmp_path):
+    put(tmp_path, record("aa01", accurate_until_s=math.nan))
+    assert card_of("alpha", (), (), (), ()).facts == ()
+
+
+def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
+    """A coarse step that fails is no breakdown of the fine one, and not hidden either."""
+    put(tmp_path, record("aa01", dt_s=0.01, status="diverged", message="too coarse"))
+    put(tmp_path, record("aa02", dt_s=0.005))
+    (v,) = standings(read_results(tmp_path))
+    assert (v.finest.succeeded, v.finest.runs) == (1, 1) and not v.breaks_on
+    assert (v.everything.succeeded, v.everything.stopped) == (1, 1)
+
+
+def test_each_solver_has_its_own_ending(tmp_path):
+    """One succeeds, one drifts, one is wrong, one refuses: each is said where it belongs, and only there."""
+    drift = {"energy_mean_first_quarter_J": 1e-4, "energy_mean_last_quarter_J": 9e-4}
+    put(tmp_path, record("aa01", "alpha"))
+    put(tmp_path, record("bb01", "beta", **drift))
+    put(tmp_path, record("cc01", "gamma", "wrong", wrong_because=because("it left"), judged_to_s=0.5))
+    put(tmp_path, record("cc02", "gamma", dt_s=0.001, label="work", judged_to_s=0.5))
+    put(tmp_path, record("dd01", "delta", "refused", message="rank"))
+    results = read_results(tmp_path)
+    found = {v.solver: v for v in standings(results)}
+    assert {s: [why for _, why in v.breaks_on] for s, v in found.items() if v.breaks_on} == {
+        "gamma": ["it left reaches 2 m, more than 1 m; succeeds at dt = 0.001 s"], "delta": ["rank"],
+    }  # fmt: skip
+    assert unpredictable(results) == "Errors are judged while the motion is predictable: pendulum to 0.5 of 2 s."
+
+
+def test_broadest_label_is_that_of_most_pairs(tmp_path):
+    """A map of many runs of one solver is no overview."""
+    for k in range(9):
+        put(tmp_path, record(f"m{k}", label="map", dt_s=0.001 * (k + 1)))
+    put(tmp_path, record("aa01", "alpha", label="sound"))
+    put(tmp_path, record("bb01", "beta", label="sound"))
+    results = read_results(tmp_path)
+    assert broadest(results) == "sound"
+    head = finest(results.variants[0], "alpha", "sound")
+    assert head is not None and head.record.run_id == "aa01"
+
+
+def test_problems_stand_before_their_variants(tmp_path):
+    """Frames, units and shorter times are many and say nothing of who holds: they are counted apart."""
+    put(tmp_path, record("aa01", "alpha"))
+    for k in range(3):
+        told = json.dumps({"t_end": 1.0, "yaw": 0.1 * (k + 1)})
+        put(tmp_path, record(f"y{k}", label="symmetries", problem_parameters=told, status="wrong"))
+        put(tmp_path, record(f"b{k}", f"beta{k}", label="symmetries", problem_parameters='{"t_end": 1.0}'))
+    put(tmp_path, record("cc01", problem="other", label="symmetries"))
+    results = read_results(tmp_path)
+    label = broadest(results)
+    assert label == "recommended"
+    assert {p.title for p in themselves(results, label)} == {"pendulum", "other"}
+    apart = {v.words: len(v.variants) for v in variant_groups(results, label)}
+    assert apart == {OTHER_PARAMETERS: 1, "turned about the vertical": 3}
+    (v,) = [v for v in standings(results) if v.solver == "alpha"]
+    assert v.finest.runs == 1 and not v.breaks_on and v.everything.wrong == 3
+    assert broadest(read_results(only(tmp_path, "symmetries"))) == "symmetries"
+
+
+def only(folder, label):
+    """The run without the runs of other labels."""
+    for r in read_results(folder).runs:
+        if r.record.label != label:
+            (folder / "runs" / f"{r.record.run_id}.json").unlink()
+    return folder
+
+
+def test_scores_count_every_kind_of_ending(built):
+    results = read_results(built[0])
+    s = score(results.runs)
+    assert (s.succeeded, s.wrong, s.refused) == (3, 1, 1) and s.runs == len(results.runs)
+    assert sum(share for _, _, share in s.shares) == 100.0

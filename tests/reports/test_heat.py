@@ -133,4 +133,3 @@ def test_the_first_screen_shows_the_picture_and_the_mechanism_moves(folder, brow
         frames.append(tab.screenshot(selector="[data-stage]").astype(int))
     assert np.mean(np.abs(frames[0] - frames[1]).max(axis=2) > 40) > 0.005
     assert tab.ink("[data-stage]") > 0.005 and tab.faults == []
-    tab.close()

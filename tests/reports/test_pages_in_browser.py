@@ -33,7 +33,6 @@ def test_page_loads_fits_and_can_be_read(report, browser, name, width, dark):
     assert tab.evaluate(OVERFLOW) == 0 and tab.evaluate("innerWidth") == width
     assert tab.evaluate(PALE) == []
     assert tab.faults == [] and tab.requests == []
-    tab.close()
 
 
 @pytest.mark.parametrize("name", PAGES[:7])
@@ -46,7 +45,6 @@ def test_on_a_phone_the_whole_menu_is_seen(report, browser, name):
     assert all(left >= 0 and right <= 390 and top >= 0 for left, right, top in boxes), boxes
     tab.evaluate(OPEN)
     assert tab.evaluate(SMALL) == [] and tab.evaluate(LOW) == []
-    tab.close()
 
 
 def test_contrast_is_measured(report, browser):
@@ -54,7 +52,6 @@ def test_contrast_is_measured(report, browser):
     tab = browser.open(report / "index.html")
     tab.evaluate("document.querySelector('h1').style.color = '#bbb'")
     assert any(found.startswith("H1") for found in tab.evaluate(PALE))
-    tab.close()
 
 
 def test_a_runs_page_explains_its_numbers(report, browser):
@@ -62,7 +59,6 @@ def test_a_runs_page_explains_its_numbers(report, browser):
     assert tab.evaluate("[...document.querySelectorAll('nav li a')].map((a) => a.textContent)")[:1] == ["Mechanisms"]
     said = tab.evaluate("document.querySelector('[data-meanings]').textContent")
     assert "Time of the last accepted step." in said and "Matrix factorisations" not in said
-    tab.close()
 
 
 def test_hostile_names_stay_text_in_plots(report, browser):
@@ -73,7 +69,6 @@ def test_hostile_names_stay_text_in_plots(report, browser):
     tab.goto(report / "runs.html")
     tab.until("document.querySelector('[data-runs]').textContent.includes('alert(\"1\")')")
     assert tab.evaluate("document.querySelectorAll('main script').length") == 0
-    tab.close()
 
 
 def test_theme_follows_the_system_until_a_reader_chooses(report, browser):
@@ -90,7 +85,6 @@ def test_theme_follows_the_system_until_a_reader_chooses(report, browser):
         kept = tab.evaluate(ground)
     assert kept == light  # the choice goes along
     tab.evaluate("localStorage.clear()")
-    tab.close()
 
 
 def test_numbers_of_scripts_are_those_of_pages(report, browser):
@@ -100,4 +94,3 @@ def test_numbers_of_scripts_are_those_of_pages(report, browser):
     values = [0.0, 1.0, 0.00123, 1.23e-5, -4.5e7, 9.999, 12345.6, 99999.0, 0.1, 2.5e-300]
     tab = browser.open(report / "index.html")
     assert tab.evaluate(f"{json.dumps(values)}.map((v) => MBS.number(v))") == [number(v) for v in values]
-    tab.close()

@@ -42,7 +42,6 @@ def test_plots_draw_and_the_legend_puts_a_solver_in_colour(report, browser):
     tab.evaluate("window.before = true; location.reload()")
     tab.until("!window.before && window.MBS && MBS.plotted")
     assert tab.evaluate("MBS.plotted.lit('energy')") == ["beta"] and tab.faults == []
-    tab.close()
 
 
 def test_failures_are_starred_and_wrong_ones_crossed(report, browser):
@@ -55,7 +54,6 @@ def test_failures_are_starred_and_wrong_ones_crossed(report, browser):
         )
     last = "MBS.plotted.view('energy').places.filter((p) => p[2].solver === 'delta').map((p) => p[2].x[p[3]])"
     assert max(tab.evaluate(last)) == pytest.approx(0.7, abs=1e-3)
-    tab.close()
 
 
 def test_time_axes_zoom_together_and_back_by_the_keyboard(report, browser):
@@ -69,7 +67,6 @@ def test_time_axes_zoom_together_and_back_by_the_keyboard(report, browser):
     tab.until(f"{span} < {0.7 * whole}")
     tab.press("0")
     tab.until(f"Math.abs({span} - {whole}) < 1e-6")
-    tab.close()
 
 
 def test_axes_leave_out_what_is_hidden(browser, tmp_path):
@@ -84,7 +81,6 @@ def test_axes_leave_out_what_is_hidden(browser, tmp_path):
     tab.evaluate("document.querySelector('[data-switch=all]').click()")
     tab.until(f"{top} > 2.5")
     assert ink > 0.01 and tab.faults == []
-    tab.close()
 
 
 def test_heights_are_reserved_and_nothing_moves(report, browser):
@@ -99,7 +95,6 @@ def test_heights_are_reserved_and_nothing_moves(report, browser):
         tab.evaluate("scrollTo(0, document.body.scrollHeight)")
         tab.evaluate("new Promise((f) => setTimeout(f, 400))")
         assert tab.evaluate("window.moved") < 0.05, page
-    tab.close()
 
 
 def test_numbers_drawn_are_those_of_the_series(report, browser):
@@ -115,7 +110,6 @@ def test_numbers_drawn_are_those_of_the_series(report, browser):
     np.testing.assert_allclose(found["y"], expected.y, rtol=1.1e-3)
     points = tab.evaluate("MBS.plotted.plots.find((p) => p.name === 'work-error-cpu') !== undefined")
     assert points and tab.faults == []
-    tab.close()
 
 
 def test_axis_switch_csv_svg_and_table(report, browser):
@@ -138,7 +132,6 @@ def test_axis_switch_csv_svg_and_table(report, browser):
     tab.until(f"{figure}.querySelector('details table')")
     assert "stopped here" in tab.evaluate(f"{figure}.querySelector('details').textContent")
     assert tab.faults == []
-    tab.close()
 
 
 def test_a_zero_is_drawn_hollow_and_said_to_be_at_most(matrices, browser):
@@ -159,7 +152,6 @@ def test_a_zero_is_drawn_hollow_and_said_to_be_at_most(matrices, browser):
     tab.until(numbers)
     assert "below the clock" in tab.evaluate(f"{numbers}.textContent")
     assert tab.faults == []
-    tab.close()
 
 
 def test_a_plot_that_takes_keys_is_no_image(report, browser):
@@ -168,7 +160,6 @@ def test_a_plot_that_takes_keys_is_no_image(report, browser):
     said = "['role', 'aria-roledescription', 'tabindex'].map((k) => e.getAttribute(k)).join()"
     assert set(tab.evaluate(f"[...document.querySelectorAll('[data-plot]')].map((e) => {said})")) == {"group,plot,0"}
     assert tab.evaluate("document.querySelectorAll('[tabindex][role=img]').length") == 0
-    tab.close()
 
 
 def test_tables_of_pages_sort_by_value(report, browser):
@@ -180,4 +171,3 @@ def test_tables_of_pages_sort_by_value(report, browser):
     numbers = [float(v) for v in values if v]
     assert len(numbers) > 3 and numbers == sorted(numbers)
     assert all(v == "" for v in values[len(numbers) :])
-    tab.close()

@@ -30,7 +30,6 @@ def test_thousands_of_runs_are_paged_and_the_address_keeps_the_choice(browser, t
     tab.evaluate("window.before = true; location.reload()")
     tab.until(f"!window.before && {rows} === 15")
     assert tab.evaluate("document.forms[0].elements.status.value") == "wrong" and tab.faults == []
-    tab.close()
 
 
 def test_on_a_phone_a_run_is_a_card_led_by_its_status(report, browser):
@@ -45,14 +44,12 @@ def test_on_a_phone_a_run_is_a_card_led_by_its_status(report, browser):
         assert tab.evaluate(f"{top}.top < {row}.querySelector('th').getBoundingClientRect().top")
         assert tab.evaluate(f"{top}.width") > 250 and tab.evaluate(f"{row}.getBoundingClientRect().right") <= 390
         assert tab.evaluate(OVERFLOW) == 0 and tab.faults == []
-        tab.close()
 
 
 def test_on_a_phone_text_and_targets_are_large_enough(report, browser):
     """No text below 12 px, no control below 24 px high; links in running text are not controls."""
     tab = browser.open(report / "runs.html", width=390)
     assert tab.evaluate(SMALL) == [] and tab.evaluate(LOW) == []
-    tab.close()
 
 
 def test_runs_sort_and_filter(report, browser, built):
@@ -73,4 +70,3 @@ def test_runs_sort_and_filter(report, browser, built):
     assert shown[: len(there)] == there
     head = "document.querySelector('[data-runs] th:nth-child(7)').getAttribute('aria-sort')"
     assert tab.evaluate(head) == "ascending"
-    tab.close()

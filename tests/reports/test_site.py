@@ -9,21 +9,42 @@ from urllib.parse import unquote
 
 import pytest
 
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.places import Place
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.types import Status
 from mbsbench.reports import site
+from mbsbench.reports.model.glossary import GLOSSARY, markdown, term
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import base
 from mbsbench.reports.pages.base import Page, Site
 
-from .conftest import HOSTILE, put, record, series
+from ..harness.conftest import run_in
+from .conftest import HOSTILE, every_kind, put, record, series
 from .outline import Outline
+from .pages.synthetic import judge
+
+ATTACKED = ("claims.html", "cost.html", "atlas.html")
+
+
+def pages_of(report: Path) -> dict[str, str]:
+    """Every page by its path from the report folder."""
+    return {p.relative_to(report).as_posix(): p.read_text(encoding="utf-8") for p in report.rglob("*.html")}
 
 
 @pytest.fixture(scope="module")
 def pages(built):
-    """Every page of the site, by its path from the report folder."""
-    report = built[0] / "report"
-    return {p.relative_to(report).as_posix(): p.read_text(encoding="utf-8") for p in report.rglob("*.html")}
+    return pages_of(built[0] / "report")
+
+
+@pytest.fixture(scope="module", params=["as published", "judged"])
+def report(request, built, tmp_path_factory):
+    """The folder of pages; judged by files that attack, too."""
+    if request.param == "as published":
+        return built[0] / "report"
+    folder = tmp_path_factory.mktemp("judged") / "run"
+    judge(folder, [r.settings_id for r in every_kind(folder)])
+    return site.build(folder).parent
 
 
 def test_no_template_shows_its_own_syntax():
@@ -68,14 +89,20 @@ def test_wrong_is_loud_wherever_it_shows(built, pages):
         assert 'class="mark wrong"' in pages[name], name
 
 
-def test_text_of_results_is_escaped(pages):
-    """Messages, standard error, names of plugins: all come from outside; a page's only own script is the theme."""
+def test_text_of_results_and_judgements_is_escaped(report, built):
+    """Messages, standard error, plugins, claims, digests come from outside; a page's only own script is the theme."""
+    pages = pages_of(report)
     for name, html in pages.items():
         assert "<script>alert" not in html, name
         own = [a for t, a in Outline(html).tags if t == "script" and "src" not in a]
         assert len(own) == 1, name
-    for name in ("mechanisms.html", "runs/gg01.html", "runs/dd01.html"):
-        assert 'alert("1")' in Outline(pages[name]).text, name
+    for name in (
+        "mechanisms.html",
+        "runs/gg01.html",
+        "runs/dd01.html",
+        *(ATTACKED if report.parent != built[0] else ()),
+    ):
+        assert HOSTILE in Outline(pages[name]).text, name
 
 
 def test_data_files_are_scripts_that_hostile_text_cannot_leave(built):
@@ -86,9 +113,10 @@ def test_data_files_are_scripts_that_hostile_text_cannot_leave(built):
         assert "</" not in text and "\u2028" not in text
 
 
-def test_every_address_is_of_a_file_in_the_folder(built, pages):
+def test_every_address_is_of_a_file_in_the_folder(report):
     """No network, no dead link, no anchor that is not there."""
-    report = built[0] / "report"
+    pages = pages_of(report)
+    assert not [n for n in (*ATTACKED, "solver-alpha.html") if re.search(r"https?:|//[a-z]+\.|@import", pages[n])]
     for name, html in pages.items():
         ids = (
             {n: {a["id"] for _, a in Outline(t).tags if "id" in a} for n, t in pages.items()}
@@ -108,9 +136,9 @@ def test_every_address_is_of_a_file_in_the_folder(built, pages):
                     assert anchor in ids[target.resolve().relative_to(report.resolve()).as_posix()], (name, value)
 
 
-def test_screen_readers_get_descriptions(pages):
+def test_screen_readers_get_descriptions(report):
     """Tables have captions and scoped heads, headings their order, names are unique, boxes scroll by the keyboard."""
-    for name, html in pages.items():
+    for name, html in pages_of(report).items():
         tags = Outline(html).tags
         assert sum(t == "table" for t, _ in tags) == sum(t == "caption" for t, _ in tags), name
         assert all(a.get("scope") in ("row", "col") for t, a in tags if t == "th"), name
@@ -120,7 +148,9 @@ def test_screen_readers_get_descriptions(pages):
         names = [a["id"] for _, a in tags if "id" in a]
         assert len(names) == len(set(names)), name
         assert all("tabindex" in a for _, a in tags if a.get("class") == "scroll"), name
-        assert all(a.get("aria-label") for t, a in tags if a.get("role") == "img"), name
+        assert all(a.get("aria-label") for t, a in tags if t == "svg" or a.get("role") == "img"), name
+        targets = [a["href"][1:] for t, a in tags if t == "a" and (a.get("href") or "").startswith("#")]
+        assert set(targets) <= set(names), name
 
 
 def test_every_page_says_where_its_numbers_come_from(pages):
@@ -217,3 +247,55 @@ def test_page_modules_are_found_and_late_ones_come_last():
         "mbsbench.reports.pages.runs.runs",
     } <= set(names)
     assert names.index("mbsbench.reports.pages.runs.runs") > names.index("mbsbench.reports.pages.runs.problems")
+
+
+TINY = """
+name = "tiny"
+[[runs]]
+label = "recommended"
+problem = "spherical_pendulum"
+parameters = { t_end = 0.3 }
+solver = "gc_weak_form"
+dt = [0.02, 0.01]
+"""
+
+
+def test_real_run_has_a_report(tmp_path, capsys):
+    """Run, then ``report``: every run has its page, with plots, tables and its command."""
+    folder = tmp_path / "run"
+    loaded, _ = run_in(folder, TINY, 1, plugins=())
+    assert main(["report", str(folder)]) == 0
+    assert "index.html" in capsys.readouterr().out
+    assert main(["report", str(folder), "--out", "x"]) == 2
+    assert "--out needs two results folders" in capsys.readouterr().err
+    report = folder / "report"
+    assert len(loaded.records) == 2
+    for r in loaded.records:
+        assert "mbsbench solve spherical_pendulum" in (report / "runs" / f"{r.run_id}.html").read_text("utf-8")
+    problem = next(report.glob("problem-*.html")).read_text(encoding="utf-8")
+    assert "observed order" not in problem and 'data-plot="energy"' in problem
+    assert list((report / "tables").glob("*.csv")) and list((report / "data").glob("plots-problem-*.js"))
+
+
+def test_the_page_in_docs_is_the_table_that_the_reports_use():
+    """Made anew by ``python -m mbsbench.reports.model.glossary``."""
+    assert markdown() in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+
+
+def test_every_status_and_verdict_has_an_entry_of_one_sentence():
+    """A reader meets them on every page."""
+    assert {str(s) for s in Status} | {"SUPPORTED", "REFUTED", "CONDITIONAL", "MIXED", "UNTESTABLE"} <= GLOSSARY.keys()
+    assert all(text.endswith(".") and "\n" not in text for text in GLOSSARY.values())
+
+
+def test_every_term_of_a_template_is_in_the_glossary():
+    """A tooltip without a meaning would stop the report."""
+    used = set()
+    for path in (ROOT / "reports" / "templates").glob("*.html"):
+        used |= set(re.findall(r"""term\(["']([^"']+)["']""", path.read_text(encoding="utf-8")))
+    assert used and used <= GLOSSARY.keys()
+
+
+def test_texts_are_escaped():
+    """They stand in an attribute."""
+    assert term("law", "<b>") == f'<abbr title="{GLOSSARY["law"]}">&lt;b&gt;</abbr>'

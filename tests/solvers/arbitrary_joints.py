@@ -4,12 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from mbsbench.harness.mechanics import so3
+from mbsbench import State, TimeFunction, so3
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.joints import DECLARED, Joint, JointKind, MovingKind
-from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, Load, MultibodySystem, SpringDamper, TorsionSpring, assemble
-from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.problems.random_mechanism import arbitrary_body, closed_joint
 
 KINDS = tuple(JointKind)

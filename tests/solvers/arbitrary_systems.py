@@ -3,11 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from mbsbench.harness.mechanics import so3
+from mbsbench import Joint, MultibodySystem, RigidBody, SpringDamper, State, UserForce, assemble, so3
 from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.state import State
-from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, SpringDamper, assemble
-from mbsbench.harness.mechanics.user_forces import UserForce
 
 Rows = Float[np.ndarray, "2 ..."]
 SPRINGS = (

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from mbsbench import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.reference.computed import reference_of
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 
 from .arbitrary_systems import consistent, linkage
 
@@ -64,12 +63,6 @@ def momentum(problem: Problem, out: Trajectory) -> np.ndarray:
     """Spatial angular momentum about the origin (nt, 3)."""
     spin = np.einsum("tbij,bjk,tbk->ti", out.states.R, problem.system.inertia, out.states.Omega)
     return spin + np.einsum("b,tbi->ti", problem.system.mass, np.cross(out.states.r, out.states.v))
-
-
-def reversed_at(problem: Problem, last: State) -> Problem:
-    """The way back from ``last``."""
-    back = State(last.r, last.R, -last.v, -last.Omega)
-    return dataclasses.replace(problem, initial=back, reference_from=None)
 
 
 def pendulum(t_end: float = 10.0, omega_z: float = 0.1) -> Problem:

@@ -7,15 +7,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from mbsbench import Joint, JointKind, MovingKind, Problem, State, TimeFunction, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, work
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.dynamics import accelerations
-from mbsbench.harness.mechanics.joints import Joint, JointKind, MovingKind
-from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, RigidBody, assemble
-from mbsbench.harness.mechanics.time_functions import TimeFunction
-from mbsbench.harness.types import Problem, Trajectory
 from mbsbench.problems import n_four_bar
 
 from .arbitrary_joints import all_joints, moving_rows, one_joint
@@ -97,7 +94,6 @@ def test_error_control_holds_its_tolerance(kind, name):
 @pytest.mark.parametrize("kind", [ALL, MovingKind.DRIVEN_ANGLE, "springs", LAW])
 @pytest.mark.parametrize("name", ["gc_composed", "gc_extrapolated"])
 def test_what_the_simplified_step_has_no_rows_for_is_refused(name, kind):
-    """With the solver that takes it, before the first step."""
     p = swing(ALL)[0] if kind == "springs" else swing(kind)[0]
     if kind == "springs":
         system = linkage(springs=True)
@@ -122,13 +118,6 @@ def test_reactions_of_the_routes_agree():
     p, _ = swing(ALL)
     ours, theirs = (run(p, rtol, name).reaction[-1] for name, rtol in (("rkmk_dop853", 1e-12), ("ida_index2", 1e-10)))
     assert np.max(np.abs(ours - theirs)) < 1e-4 * np.max(np.abs(ours))
-
-
-@pytest.mark.parametrize("name", ["gc_weak_form", "gc_augmented_lagrangian"])
-def test_the_newton_matrix_knows_a_users_law(name):
-    """With the derivatives of the law, Newton's method takes three corrections a step of 4 ms on average, at most."""
-    out = run(swing(LAW)[0], 4e-3, name, newton="exact")
-    assert out.counters["newton_iterations"] <= 3 * out.counters["steps"]
 
 
 CLOSING = {"rkmk_dop853": 1e-9, "half_explicit": 4e-3, "radau_index1": 1e-8, "scipy_strong_form": 1e-9}
@@ -180,19 +169,18 @@ def test_the_work_of_a_drive_is_the_energy_that_it_gives(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "given", "dt"),
-    [("slider_crank", {"t_end": 0.1}, 0.01), ("bricard", {"t_end": 0.4}, 0.04),
-     ("simple_pendulum", {"t_end": 0.4}, 0.01)],
+    ("name", "given", "dt", "allowed"),
+    [("slider_crank", {"t_end": 0.1}, 0.01, 1e-6), ("bricard", {"t_end": 0.4}, 0.04, 1e-6),
+     ("simple_pendulum", {"t_end": 0.4}, 0.01, 1e-6), ("n_four_bar", {"windows": 2, "t_end": 10.0}, 0.01, 1.5e-6),
+     ("n_four_bar", {"windows": 40, "t_end": 1.0}, 0.01, 1.5e-6)],
 )  # fmt: skip
-def test_half_explicit_stages_are_solved_where_bodies_are_light(name, given, dt):
-    """A(Q_{i+1}) M^-1 A(Q_i)^T is far from S there: S alone, repeated, does not converge at these steps."""
+def test_half_explicit_stages_are_solved_where_bodies_are_light_and_rows_are_lost(
+    name, given, dt, allowed, monkeypatch
+):
+    """A(Q_{i+1}) M^-1 A(Q_i)^T is far from S there: S alone, repeated, does not converge at these steps.
+
+    IFToMM A02 within its published 1.5e-6 m: a step leaps over the pose in which forty rows are lost at once.
+    """
+    monkeypatch.setattr(n_four_bar, "SOUGHT", given["t_end"])
     p = make_problem(name, given)
-    assert error(p, run(p, dt, "half_explicit")) < 1e-6
-
-
-@pytest.mark.parametrize(("windows", "t_end"), [(2, 10.0), (40, 1.0)])
-def test_half_explicit_steps_cross_singular_passages(windows, t_end, monkeypatch):
-    """IFToMM A02 within its published 1.5e-6 m: a step leaps over the pose in which forty rows are lost at once."""
-    monkeypatch.setattr(n_four_bar, "SOUGHT", t_end)
-    p = make_problem("n_four_bar", {"windows": windows, "t_end": t_end})
-    assert error(p, run(p, 0.01, "half_explicit")) < 1.5e-6
+    assert error(p, run(p, dt, "half_explicit")) < allowed

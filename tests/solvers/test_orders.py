@@ -111,7 +111,6 @@ LOOSE_AND_TIGHT = [  # solver, options, problem, tolerances, the least factor be
 
 @pytest.mark.parametrize("row", LOOSE_AND_TIGHT, ids=name_of)
 def test_errors_follow_the_tolerance(row):
-    """A tighter tolerance makes the error smaller by a factor."""
     solver, options, problem, tolerances, factor, allowed = row
     p = make_problem(*problem)
     loose, tight = (error(p, run(p, rtol, solver, **options)) for rtol in tolerances)
@@ -140,6 +139,9 @@ TIGHT = [  # solver, options, problem, tolerance, allowed: error [m], phi, A v, 
     *((solver, {"coordinates": chart}, p, 1e-8, 1e-4 if p[0] == "heavy_top" else 1e-3, ENDLESS)
       for solver in SYMBOLIC[:4] for chart in ("quaternion", "euler313") for p in LONG),
     *((solver, options, PENDULUM, 1e-8, 1e-4, ENDLESS) for solver, options in FORMS),
+    *((solver, {}, (name, {"t_end": 2.0}), rtol, np.inf, (np.inf, np.inf, 0.02))  # the rows kept at the start
+      for solver in ("rk45_strong_form", "ndf_index1", "ida_index1")
+      for name, rtol in (("chain", 1e-7), (GRID[0], 1e-6))),
 ]  # fmt: skip
 
 
@@ -149,7 +151,8 @@ def test_a_tight_tolerance_reaches_the_exact_motion(row):
     solver, options, problem, rtol, allowed, (phi, rate, most) = row
     p = make_problem(*problem)
     out = run(p, rtol, solver, **options)
-    assert error(p, out) < allowed
+    assert allowed == np.inf or error(p, out) < allowed
     assert np.max(np.abs(constraint(p.system, out.states))) < phi
     assert np.max(np.abs(constraint_rate(p.system, out.states))) < rate
     assert np.max(np.abs(drift(p, out))) < most
+    assert solver not in SYMBOLIC or p.name != GRID[0] or "rank 325" in out.notes[0]

@@ -6,11 +6,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian, independent_rows
+from mbsbench import Problem, Trajectory, constraint_jacobian, independent_rows, make_problem
 from mbsbench.harness.metrics import scales
 from mbsbench.harness.metrics.measure import measure
-from mbsbench.harness.types import Problem, Trajectory
 from mbsbench.solvers.formulations.compiled.kernel import empty_kernel
 from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse
 from mbsbench.solvers.formulations.rank import DEPENDENT, INDEPENDENT, rows_to_keep, squared_distances
@@ -75,6 +73,8 @@ def test_kept_rows_are_as_many_as_the_rank_and_as_well_conditioned(rows, columns
     kept, by_qr = rows_to_keep(p.system, p.initial), independent_rows(p.system, p.initial)
     assert len(kept) == len(by_qr) == 6 * p.system.nb - rows
     A = constraint_jacobian(p.system, p.initial).toarray()
+    full = linkage(springs=False)
+    assert np.array_equal(rows_to_keep(full, consistent(full, 3)), np.arange(full.nrows))
     smallest = [np.linalg.svd(A[choice], compute_uv=False)[-1] for choice in (kept, by_qr)]
     assert smallest[0] > 0.25 * smallest[1]
 
@@ -85,9 +85,3 @@ def test_no_pivot_is_in_doubt_on_a_grid_of_820_bodies():
     distance = squared_distances(p.system, p.initial)
     assert not np.any((distance > DEPENDENT) & (distance < INDEPENDENT))
     assert len(rows_to_keep(p.system, p.initial)) == 6 * p.system.nb - 20
-
-
-def test_a_system_of_full_rank_keeps_every_row():
-    """Joints without redundancy lose nothing."""
-    system = linkage(springs=False)
-    assert np.array_equal(rows_to_keep(system, consistent(system, 3)), np.arange(system.nrows))

@@ -7,12 +7,8 @@ import time
 
 import pytest
 
-from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
-from mbsbench.harness.suites.suite import parse_suite
-
 from .. import cheating
-from ..conftest import PLUGIN, Silent
+from ..conftest import PLUGIN, run_in
 
 BUSY = 4  # processes a core that do nothing but work
 LONGEST = 120.0  # [s] after which they end by themselves
@@ -49,8 +45,7 @@ def busy():
 
 
 def ends(folder, jobs):
-    suite = parse_suite(SUITE, "load", "load", plugins=(str(PLUGIN), cheating.__file__))
-    found = run_suite(Request(suite, folder, jobs), Silent(), LocalPool).records
+    found = run_in(folder, SUITE, jobs, plugins=(PLUGIN, cheating.__file__))[0].records
     return {r.solver + r.solver_options: r.status for r in found}
 
 

@@ -10,21 +10,13 @@ import psutil
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.execution.pool import LocalPool, PoolError
-from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.execution.pool import PoolError
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.sandbox.apart import ASLEEP, Apart
-from mbsbench.harness.suites.suite import parse_suite
 
-from ..conftest import HOSTILE, PLUGIN, Silent
+from ..conftest import HOSTILE, PLUGIN, Silent, run_in
 
 SLEEPS = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\ncpu_limit = {wall}\noptions = {{ seconds = {seconds} }}\n'
-
-
-def run(text, folder, jobs=1, resume=False):
-    suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN), str(HOSTILE)))
-    watcher = Silent()
-    return run_suite(Request(suite, folder, jobs, resume), watcher, LocalPool), watcher
 
 
 def test_a_process_that_ended_before_anyone_looked_was_not_killed():
@@ -78,7 +70,8 @@ def test_a_run_killed_from_outside_is_repeated_once_and_alone(tmp_path):
     assert main(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--resume"]) == 0
     assert {r.status for r in store.load(tmp_path / "run").records} == {"success"}
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "kills_itself"'
-    ran = [run(text, tmp_path / "own", resume=k > 0)[1].ran for k in range(3)]
+    plugins = (PLUGIN, HOSTILE)
+    ran = [run_in(tmp_path / "own", text, 1, plugins=plugins, resume=k > 0)[1].ran for k in range(3)]
     assert [len(r) for r in ran] == [1, 1, 0]
 
 
@@ -86,8 +79,8 @@ def test_results_that_vanish_are_counted(tmp_path):
     """Somebody deletes what is done: no exit code 0, and --resume runs it again."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "deletes_results"]\n'
     with pytest.raises(PoolError, match=r"1 of 2 results .* are gone"):
-        run(text, tmp_path / "run")
-    again, watcher = run(text, tmp_path / "run", resume=True)
+        run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE))
+    again, watcher = run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE), resume=True)
     assert len(watcher.ran) == 1 and {r.status for r in again.records} == {"success"}
 
 
@@ -102,7 +95,7 @@ def test_a_record_that_changes_behind_the_runner_is_noticed(tmp_path, monkeypatc
 
     monkeypatch.setattr(Silent, "ended", changing)
     with pytest.raises(PoolError, match="not as they were written"):
-        run('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', tmp_path / "run")
+        run_in(tmp_path / "run", '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', 1)
 
 
 def test_a_parent_that_ignores_its_children_changes_nothing(tmp_path):

@@ -1,18 +1,16 @@
 """Declarations of joints: incomplete ones are refused, chosen rows keep their numbers, pictures and tables agree."""
 
 import dataclasses
-import importlib.util
+from importlib.machinery import SourceFileLoader
 from typing import Any
 
 import numpy as np
 import pytest
 
+from mbsbench import State, States, TimeFunction, constraint_jacobian
 from mbsbench.harness.mechanics import motion, so3
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.joints import DECLARED, Joint, JointKind
-from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import GROUND, Load, RigidBody, assemble
-from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.problems.random_mechanism import closed_joint
 
@@ -42,7 +40,6 @@ ROUNDING = 1e-11
     ],
 )  # fmt: skip
 def test_an_incomplete_joint_is_refused(given, said) -> None:
-    """In one line, with what was expected."""
     with pytest.raises(ValueError, match=said):
         assemble([RigidBody(1.0, np.eye(3))], [Joint(0, (0, 0, 0), **given)])
 
@@ -56,7 +53,6 @@ def test_rows_that_are_none_are_refused(rows: Any) -> None:
 
 
 def test_joints_behind_chosen_rows_keep_their_numbers() -> None:
-    """In names and in errors."""
     body, first = [RigidBody(1.0, np.eye(3))], Joint(0, (0, 0, 0), rows=np.array([2, 0]))
     names = assemble(body, [first, Joint(0, (0.1, 0, 0))]).joint_names
     assert names == ("joint 1, row 2", "joint 1, row 0", "joint 2")
@@ -85,27 +81,15 @@ def test_all_rows_of_a_joint_one_by_one_are_the_joint(kind: JointKind) -> None:
         assert np.array_equal(constraint_jacobian(fewer, state).toarray(), B[1:])
 
 
-def drawing() -> Any:
-    found = importlib.util.spec_from_file_location("draw_joints", ROOT / "docs" / "draw_joints.py")
-    assert found is not None and found.loader is not None
-    made = importlib.util.module_from_spec(found)
-    found.loader.exec_module(made)
-    return made
-
-
-def test_pictures_are_those_of_the_rows() -> None:
-    """As ``make joints`` draws them: an arrow for each freedom."""
-    draws = drawing()
+def test_pictures_and_tables_of_the_manual_are_those_of_the_declarations() -> None:
+    """As ``make joints`` draws and writes them: an arrow for each freedom."""
+    draws: Any = SourceFileLoader("draw_joints", str(ROOT / "docs" / "draw_joints.py")).load_module()
     for kind in draws.drawn():
         drawn = draws.picture(kind)
         assert drawn.count('stroke-width="2"') == 6 - sum(kind.count)
         assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).read_text(encoding="utf-8") == drawn
-
-
-def test_the_tables_of_the_manual_are_those_of_the_declarations() -> None:
-    """As ``make joints`` writes them."""
     text = (ROOT / "docs" / "joints-and-forces.md").read_text(encoding="utf-8")
-    assert drawing().page(text) == text
+    assert draws.page(text) == text
 
 
 def test_a_load_on_the_ground_is_refused() -> None:

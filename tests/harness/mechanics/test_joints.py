@@ -5,20 +5,16 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mbsbench import MultibodySystem, Problem, State, States, TimeFunction, constraint_jacobian
 from mbsbench.harness.catalogue.registry import in_frame
 from mbsbench.harness.mechanics import motion, so3, time_functions, work
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.dynamics import moved as along
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.joints import DECLARED, JointKind, MovingKind
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import MultibodySystem
-from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
-from mbsbench.harness.types import Problem
 from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.layout import Layout
@@ -34,6 +30,8 @@ DIFFERENCES = 1e-6
 ROUNDING = 1e-11  # a thousand operations on values of order 10
 SYSTEMS = {"joints": all_joints(), "moving rows": moving_rows(None), "linkage": linkage(springs=True),
            "user forces": with_user_forces()}  # fmt: skip
+TAKEN = {"spherical": 3, "universal": 4, "revolute": 5, "fixed": 6, "cylindrical": 4, "prismatic": 5,
+         "point on line": 2, "point on plane": 1, "normal axes": 1, "distance": 1}  # fmt: skip
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 each_chart = pytest.mark.parametrize("coordinates", CHARTS)
 ends = pytest.mark.parametrize("ground", [False, True], ids=["two bodies", "ground"])
@@ -79,22 +77,12 @@ def test_rates_of_the_rows_are_their_derivatives(system, seed) -> None:
     assert np.max(np.abs(constraint_jacobian(system, state) @ v + phi_t - phi_dot)) < ROUNDING
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@ends
-def test_a_joint_leaves_free_what_its_rows_say(kind, ground) -> None:
-    """Its rows are independent: their number is the freedoms it takes."""
-    system, state = one_joint(kind, ground=ground)
-    taken = {"spherical": 3, "universal": 4, "revolute": 5, "fixed": 6, "cylindrical": 4, "prismatic": 5}
-    taken |= {"point on line": 2, "point on plane": 1, "normal axes": 1, "distance": 1}
-    assert np.linalg.matrix_rank(constraint_jacobian(system, state).toarray()) == taken[kind] == system.nrows
-
-
 @pytest.mark.parametrize("kind", [*KINDS, *MOVING])
 @ends
 def test_all_routes_give_one_acceleration(kind, ground) -> None:
     """NumPy, CasADi and the compiled kernel, with springs, dampers, loads and gravity.
 
-    On joints at rest also Newton-Euler and natural coordinates, the routes of the reference.
+    On joints at rest also Newton-Euler and natural coordinates, the routes of the reference; rows are independent.
     """
     system, s = consistent(kind, ground=ground)
     first, nb = accelerations(system, s), system.nb
@@ -111,6 +99,7 @@ def test_all_routes_give_one_acceleration(kind, ground) -> None:
     assert k.lam[k.order] == pytest.approx(lam, abs=1e-9)
     if kind not in KINDS:
         return
+    assert np.linalg.matrix_rank(constraint_jacobian(system, s).toarray()) == TAKEN[kind] == system.nrows
     one, two = NewtonEuler(system), Directors(system)
     v_dot, Omega_dot = one.rate(one.restarted(one.start(s)))[7 * nb :].reshape(2, nb, 3)
     assert np.concatenate((v_dot, Omega_dot), axis=1).ravel() == pytest.approx(u_dot, abs=1e-9)
@@ -212,8 +201,8 @@ def test_charts_move_as_bodies_turn_and_rows_are_those_of_eq_94(coordinates, see
 
 @pytest.mark.parametrize("kind", MOVING)
 @ends
-def test_the_power_of_drives_is_the_rate_of_energy(kind, ground) -> None:
-    """d(T + V)/dt along the motion of index 1, with the powers of drives, timed loads and a damper."""
+def test_along_the_accelerations_rows_hold_and_the_power_of_drives_is_the_rate_of_energy(kind, ground) -> None:
+    """d(T + V)/dt with the powers of drives, timed loads and a damper; phi_dot after a step of h is of order h^2."""
     system, s = consistent(kind, ground=ground)
     rates = accelerations(system, s)
     ahead, behind = (motion.energy(system, States.one(along(s, rates, h)))[0] for h in (STEP, -STEP))
@@ -221,6 +210,8 @@ def test_the_power_of_drives_is_the_rate_of_energy(kind, ground) -> None:
     assert (ahead - behind) / (2.0 * STEP) == pytest.approx(power, rel=1e-6)
     if DECLARED[kind].motion:
         assert abs(work.drive_power(system, States.one(s))[0]) > 1e-2 * abs(power)
+    off = [np.max(np.abs(motion.constraint_rate(system, States.one(along(s, rates, h))))) for h in (2e-4, 1e-4)]
+    assert np.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.05)
 
 
 def test_the_power_of_a_motion_that_is_lost_is_not_a_number() -> None:
@@ -230,15 +221,6 @@ def test_the_power_of_a_motion_that_is_lost_is_not_a_number() -> None:
     both = States(*(np.stack((getattr(s, n), getattr(lost, n))) for n in ("r", "R", "v", "Omega", "t")))
     power = work.drive_power(system, both)
     assert power[0] == work.drive_power(system, States.one(s))[0] and np.isnan(power[1])
-
-
-@pytest.mark.parametrize("kind", MOVING)
-def test_rows_stay_satisfied_along_the_accelerations(kind) -> None:
-    """phi_ddot = 0: phi_dot after a step of h is of the order of h^2."""
-    system, s = consistent(kind)
-    rates = accelerations(system, s)
-    off = [np.max(np.abs(motion.constraint_rate(system, States.one(along(s, rates, h))))) for h in (2e-4, 1e-4)]
-    assert np.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.05)
 
 
 def test_a_function_of_time_has_its_derivatives_and_its_integral() -> None:
@@ -304,8 +286,6 @@ OTHERWISE = [
     {"mirror": "X"}, {"mirror": "Z"}, {"renumber": 3}, {"duplicate": 2}, {"unit_length": 100.0, "unit_time": 7.0},
     {"mirror": "Y", "duplicate": 1, "renumber": 5, "unit_length": 0.25, "unit_mass": 7.0, "unit_time": 3.0},
 ]  # fmt: skip
-
-
 PRESENTED = [
     (SYSTEMS[name], given)
     for name in SYSTEMS

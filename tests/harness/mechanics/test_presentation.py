@@ -35,8 +35,6 @@ def test_an_accurate_solver_finds_the_same_motion_and_reactions(presentation):
     for name in ("r", "R", "v", "Omega"):
         gap = getattr(found.states, name)[-1] - getattr(plain.states, name)[-1]
         assert np.max(np.abs(gap)) < 1e-7, name
-    assert plain.reaction is not None
-    assert found.reaction is not None
     ours, theirs = (pull_on_bodies(p.system, o.reaction[-1:], o.states.at(slice(-1, None))) for o in (plain, found))
     assert np.max(np.abs(ours - theirs)) < 1e-6 * np.max(np.abs(ours))
     if presentation.duplicate == 0:
@@ -86,12 +84,6 @@ def test_the_way_back_arrives_at_the_start():
     assert np.max(np.abs(out.returned.Omega - problem.initial.Omega)) < 1e-6
 
 
-def test_a_joint_that_is_not_there_cannot_be_repeated():
-    """In a line, when the problem is made."""
-    with pytest.raises(ValueError, match=r"duplicate must be 0\.\.1"):
-        make_problem("heavy_top", {"duplicate": 2})
-
-
 @pytest.mark.parametrize(("name", "t_end"), [("spherical_pendulum", 1.0), ("chain", 0.3), ("four_bar_grid", 0.5)])
 def test_exact_pulls_are_the_joint_forces(name, t_end):
     """Two routes: differences of the exact velocities, and the multipliers of an accurate index-1 solution."""
@@ -99,7 +91,5 @@ def test_exact_pulls_are_the_joint_forces(name, t_end):
     out = make_solver("ida_index1").solve(problem, StepControl(rtol=1e-9))
     k = np.searchsorted(out.t, 0.8 * t_end)
     exact = exact_pull_on_bodies(problem.system, problem.reference().states, out.t[k : k + 1])
-    assert (
-        np.max(np.abs(pull_on_bodies(problem.system, out.reaction[k : k + 1], out.states.at(slice(k, k + 1))) - exact))
-        < 1e-3
-    )
+    found = pull_on_bodies(problem.system, out.reaction[k : k + 1], out.states.at(slice(k, k + 1)))
+    assert np.max(np.abs(found - exact)) < 1e-3

@@ -1,18 +1,22 @@
-"""Laws that a user writes: what is applied, and what is refused."""
+"""Laws that a user writes: what is applied, refused, compiled once, and told apart."""
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from jaxtyping import Float
+from numba import njit
+from numba.core.ccallback import CFunc
 
+from mbsbench import MultibodySystem, Problem, RigidBody, State, States, Status, StepControl, UserForce, assemble
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.foreign.description import describe_problem
-from mbsbench.harness.mechanics import motion, work
-from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import MultibodySystem, RigidBody, assemble
-from mbsbench.harness.mechanics.user_forces import UserForce
-from mbsbench.harness.types import Problem, Status, StepControl
+from mbsbench.harness.mechanics import kept_code, motion, work
+from mbsbench.harness.metrics.identity import fingerprint
 
 from ...solvers.arbitrary_systems import arbitrary, consistent, law, with_user_forces
 
@@ -26,7 +30,6 @@ def branched(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: R
 
 
 def mathematical(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:
-    """Functions of ``math``."""
     F[0, 0] = math.sin(t)
 
 
@@ -63,7 +66,6 @@ def test_what_is_applied_is_the_law(seed: int) -> None:
     ("own", "said"), [(branched, ": it branches on the state; "), (mathematical, "user force 0 symbolically")]
 )
 def test_a_law_that_is_no_expression_is_refused_by_symbols_and_taken_by_kernels(own, said: str) -> None:  # type: ignore[no-untyped-def]
-    """With the reason, before the first step."""
     ball = assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(own, 0)])
     start = State(np.zeros((1, 3)), np.eye(3)[None], np.array([[0.0, 0.0, -1.0]]), np.zeros((1, 3)))
     p = Problem("a stop", ball, start, 0.5, 1e-3, "", "made up")
@@ -114,6 +116,140 @@ class Bound:
     "own", [lambda t: None, 1, None, "abc", [], abs, np.sin, math.sin, Bound().law, Bound, imports]
 )
 def test_what_is_no_law_is_refused_by_its_number(own) -> None:  # type: ignore[no-untyped-def]
-    """Whatever it is, and whatever error Numba ends with."""
     with pytest.raises(ValueError, match="user force 1: numba does not compile law"):
         assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(law, 0), UserForce(own, 0)])
+
+
+SLOPE = 2.0
+
+
+def pulling(stiffness, table=None):
+    """A spring between two bodies, with numbers outside of it."""
+    table = np.zeros(2) if table is None else table
+
+    @njit
+    def pull(d):
+        return -stiffness * d
+
+    def law(t, r, R, v, Omega, F, T):
+        F[0] = pull(r[0] - r[1]) - SLOPE * v[0] + table[0]
+        F[1] = -F[0]
+
+    return law
+
+
+def force_of(law) -> np.ndarray:
+    """On the first of two bodies a metre apart, at 1 m/s."""
+    system = assemble([RigidBody(1.0, np.eye(3))] * 2, user_forces=[UserForce(law, 0, 1)])
+    r, v = np.array([[1.0, 0, 0], [0, 0, 0]]), np.array([[1.0, 0, 0], [0, 0, 0]])
+    return motion.applied(system, States.one(State(r, np.array([np.eye(3)] * 2), v, np.zeros((2, 3)))))[0, 0, :3]
+
+
+@pytest.fixture
+def compiled(tmp_path, monkeypatch):
+    """How many laws were compiled, with an empty folder to begin with."""
+    monkeypatch.setattr(kept_code, "cache_folder", lambda *_: tmp_path)
+    count, own = [], CFunc._compile_uncached
+
+    def compile_uncached(self):
+        count.append(self)
+        return own(self)
+
+    monkeypatch.setattr(CFunc, "_compile_uncached", compile_uncached)
+    return count
+
+
+def test_a_law_is_compiled_once(compiled):
+    """The same numbers in other objects: the machine code of the first, and its values."""
+    first, again = force_of(pulling(3.0)), force_of(pulling(3.0))
+    assert len(compiled) == 1 and np.array_equal(first, again) and first[0] == -5.0
+
+
+@pytest.mark.parametrize("change", ["stiffness", "table", "global"])
+def test_a_number_outside_of_a_law_is_part_of_it(change, compiled, monkeypatch):
+    """In a closure of a function that it calls, in an array, in a global: each gives another force."""
+    force_of(pulling(3.0))
+    if change == "global":
+        monkeypatch.setitem(globals(), "SLOPE", 4.0)
+    law = pulling(4.0) if change == "stiffness" else pulling(3.0, np.ones(2) if change == "table" else None)
+    assert force_of(law)[0] == {"stiffness": -6.0, "table": -4.0, "global": -7.0}[change]
+    assert len(compiled) == 2
+
+
+def test_a_damaged_file_is_compiled_anew(compiled, tmp_path):
+    """Cut in half, as by a full disk."""
+    force_of(pulling(3.0))
+    (kept,) = tmp_path.iterdir()
+    kept.write_bytes(kept.read_bytes()[:100])
+    assert force_of(pulling(3.0))[0] == -5.0 and len(compiled) == 2
+    force_of(pulling(3.0))
+    assert len(compiled) == 2
+
+
+PLUGIN = '''
+import numpy as np
+from mbsbench import Problem, RigidBody, State, UserForce, assemble, problem
+
+def pull(t, r, R, v, Omega, F, T):
+    for k in range(3):
+        F[0, k] = -4.0 * r[0, k]
+
+@problem("pulled")
+def pulled() -> Problem:
+    """A body on a spring."""
+    system = assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(pull, 0)])
+    start = State(np.array([[1.0, 0.0, 0.0]]), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    return Problem("pulled", system, start, t_end=0.5, dt=0.01, section="", source="a test")
+'''
+HEAD = "def law(t, r, R, v, Omega, F, T):\n    "
+
+
+def written(body: str, before: str = "") -> Callable[..., None]:
+    """A law of its own each time, from text."""
+    known: dict[str, object] = {"np": np, "numba": numba}
+    exec(f"{before}\n{HEAD}{body}", known)
+    return known["law"]  # type: ignore[return-value]
+
+
+def number(*laws: Callable[..., None]) -> float:
+    system = assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(one, 0) for one in laws])
+    start = State(np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    return fingerprint(Problem("p", system, start, 1.0, 0.1, "", ""))
+
+
+def test_a_run_with_a_user_force_has_a_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "own.py").write_text(PLUGIN)
+    given = ("--plugin", str(tmp_path / "own.py"), "--out", str(tmp_path / "x.npz"), "--set", "rtol=1e-8")
+    assert main(["solve", "pulled", "rkmk_dopri5", *given]) == 0, capsys.readouterr()
+    with np.load(tmp_path / "x.npz", allow_pickle=False) as file:
+        assert str(file["status"]) == "success"
+        assert file["r"][-1, 0, 0] == pytest.approx(np.cos(2.0 * 0.5), abs=1e-6)
+
+
+PLAIN = "F[0, 0] = np.sin(t)"
+USED = "F[0, 0] = part(t) * A"
+LINEAR, SQUARE = "A = 2.0\npart = numba.njit(lambda t: t)", "A = 2.0\npart = numba.njit(lambda t: t * t)"
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ((PLAIN,), ("F[0, 0] = np.cos(t)",)),
+        ((PLAIN,), ("F[0, 0] = 2.0 * np.sin(t)",)),
+        (("F[0, 0] = 2.0 * t",), ("F[0, 0] = 2.001 * t",)),
+        ((USED, LINEAR), (USED, LINEAR.replace("2.0", "2.001"))),
+        ((USED, LINEAR), (USED, SQUARE)),
+        (("F[0] = A", "A = np.zeros(3)"), ("F[0] = A", "A = np.ones(3)")),
+    ],
+)
+def test_another_law_is_another_problem(one: tuple[str, ...], other: tuple[str, ...]) -> None:
+    """By its operations, its constants, and the constants and functions that it takes from its module."""
+    same = number(written(*one))
+    assert same == number(written(*one))
+    assert abs(number(written(*other)) / same - 1.0) > 1e-7
+
+
+def test_order_and_number_of_laws_count() -> None:
+    """Each has its place."""
+    a, b = written(PLAIN), written("T[0, 0] = -t")
+    assert len({number(a, b), number(b, a), number(a), number(a, a), number()}) == 5

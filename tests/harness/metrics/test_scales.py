@@ -6,14 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.mechanics import so3
-from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, SpringDamper, assemble
-from mbsbench.harness.metrics.measure import measure
-from mbsbench.harness.metrics.summary import columns
-from mbsbench.harness.metrics.verdict import doubts, inaccuracy
+from mbsbench import Joint, MultibodySystem, RigidBody, SpringDamper, State, States, assemble, make_problem, so3
 from mbsbench.harness.reference import computed
-from mbsbench.harness.types import Law, Problem, Reason, Status, Trajectory
+from mbsbench.harness.types import Law, Problem, Reason
+
+from .judged import claimed, judge
 
 BODY = RigidBody(1.0, 1e-3 * np.eye(3))
 
@@ -50,10 +47,15 @@ def found(system: MultibodySystem, exact, run, t: np.ndarray, horizon: float = 1
     """What a run is blamed for, and its measures."""
     start = exact(np.zeros(1))[0]
     p = Problem("p", system, start, t[-1], 0.01, "", "", reference_from=lambda _: Known(exact, horizon))
-    trajectory = Trajectory(t, run(t), Status.SUCCESS, "", {})
-    m = measure(p, trajectory)
-    c = columns(p, trajectory, m)
-    return [*doubts(p, trajectory, m, c), *inaccuracy(m, c)], m
+    judged = judge(p, claimed(t, run(t)))
+    return [*judged.doubts, *judged.inaccuracy], judged.m
+
+
+PENDULUM = assemble([BODY], [Joint(0, (-1.0, 0.0, 0.0))])
+
+
+def pendulum(t: np.ndarray) -> States:
+    return turning([1.0], [1.0], t)
 
 
 PAIR = assemble([BODY, BODY], [Joint(0, (-0.1, 0.0, 0.0), 1, (0.1, 0.0, 0.0))])
@@ -101,16 +103,12 @@ def test_a_companion_that_moves_far_hides_no_error():
 def test_a_reference_that_ends_early_freezes_no_limit():
     """Known for a millisecond, a pendulum has the limit on |phi| and the verdict of one known to the end."""
     t = np.linspace(0.0, 10.0, 1001)
-    system = assemble([BODY], [Joint(0, (-1.0, 0.0, 0.0))])
-
-    def exact(t: np.ndarray) -> States:
-        return turning([1.0], [1.0], t)
 
     def near(t: np.ndarray) -> States:
-        s = exact(t)
+        s = pendulum(t)
         return States(s.r + 1e-4 * np.minimum(t, 1.0)[:, None, None], s.R, s.v, s.Omega)
 
-    (long, m), (short, n) = (found(system, exact, near, t, horizon) for horizon in (10.0, 1e-3))
+    (long, m), (short, n) = (found(PENDULUM, pendulum, near, t, horizon) for horizon in (10.0, 1e-3))
     assert not long and not short
     assert n.size.allowed[Law.CONSTRAINT] == pytest.approx(m.size.allowed[Law.CONSTRAINT], rel=1e-3)
 
@@ -119,15 +117,11 @@ def test_a_reference_that_ends_early_freezes_no_limit():
 def test_a_row_that_is_no_number_leaves_the_scales_of_the_rows_before(bad):
     """Without a reference, half of a motion of two turns has the scales of the whole."""
     t = np.linspace(0.0, 4.0 * np.pi, 1001)
-    system = assemble([BODY], [Joint(0, (-1.0, 0.0, 0.0))])
-    s = turning([1.0], [1.0], t)
+    s = pendulum(t)
     r = s.r.copy()
     r[700] = bad
-    p = Problem("p", system, s[0], t[-1], 0.01, "", "", literal_start=True)  # so that no reference is computed
-    sizes = [
-        dataclasses.astuple(measure(p, Trajectory(t, x, Status.SUCCESS, "", {})).size)
-        for x in (s, States(r, s.R, s.v, s.Omega))
-    ]
+    p = Problem("p", PENDULUM, s[0], t[-1], 0.01, "", "", literal_start=True)  # so that no reference is computed
+    sizes = [dataclasses.astuple(judge(p, claimed(t, x)).m.size) for x in (s, States(r, s.R, s.v, s.Omega))]
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-4)
 
 
@@ -143,7 +137,7 @@ def drift_of_damped_swing(steps: int) -> float:
     v[:, 0, 0] = -decay * (0.5 * c * np.cos(w * t) + w * np.sin(w * t))
     s = States(r, np.broadcast_to(np.eye(3), (len(t), 1, 3, 3)), v, np.zeros_like(r))
     p = Problem("p", system, s[0], 4.0, 0.1, "", "", literal_start=True)  # so that no reference is computed
-    m = measure(p, Trajectory(t, s, Status.SUCCESS, "", {}))
+    m = judge(p, claimed(t, s)).m
     return float(np.max(np.abs(m.energy_error)) / m.size.allowed[Law.ENERGY])
 
 
@@ -155,18 +149,11 @@ def test_the_work_of_dampers_is_as_exact_as_the_motion(steps):
 
 def test_errors_of_a_reference_that_grow_with_time_are_judged_and_those_of_chaos_are_not():
     """Growing from 1e-10 as the square of time, all is judged; tenfold a second, to 100 times over a tenfold time."""
-    t = np.linspace(0.0, 10.0, 1001)
-    system = assemble([BODY], [Joint(0, (-1.0, 0.0, 0.0))])
-
-    def exact(t: np.ndarray) -> States:
-        return turning([1.0], [1.0], t)
-
-    ends = []
+    t, ends = np.linspace(0.0, 10.0, 1001), []
     for own in (lambda t: 1e-10 * (1.0 + t**2), lambda t: 1e-10 * 10.0**t):
-        known = Known(exact, 10.0, own)
-        p = Problem("p", system, exact(np.zeros(1))[0], 10.0, 0.01, "", "", reference_from=lambda _, k=known: k)
-        trajectory = Trajectory(t, exact(t), Status.SUCCESS, "", {})
-        ends.append(columns(p, trajectory, measure(p, trajectory))["judged_to_s"])
+        known = Known(pendulum, 10.0, own)
+        p = Problem("p", PENDULUM, pendulum(t)[0], 10.0, 0.01, "", "", reference_from=lambda _, k=known: k)
+        ends.append(judge(p, claimed(t, pendulum(t))).c["judged_to_s"])
     assert ends[0] == 10.0 and ends[1] == pytest.approx(2.0 / 0.9, abs=0.02)
 
 
@@ -181,17 +168,12 @@ def test_a_small_mechanism_is_judged_by_its_computed_reference(tmp_path, monkeyp
         t = np.linspace(0.0, 1.0, 101)
         exact = computed.reference_of(p)
         for late, laws in ((0.0, []), (0.3, [Law.MOTION])):
-            s = exact.states(np.maximum(t - late, 0.0))
-            trajectory = Trajectory(t, s, Status.SUCCESS, "", {})
-            m = measure(p, trajectory)
-            c = columns(p, trajectory, m)
-            assert c["judged_to_s"] == 1.0 and [r.law for r in inaccuracy(m, c)] == laws
+            judged = judge(p, claimed(t, exact.states(np.maximum(t - late, 0.0))))
+            assert judged.c["judged_to_s"] == 1.0 and [r.law for r in judged.inaccuracy] == laws
 
 
 def test_a_start_as_printed_has_no_reference_and_may_open_its_joints():
     """The motion that follows is not that of a consistent start; laws of the joints are not its laws."""
-    from mbsbench.harness.catalogue.registry import make_problem
-
     literal = make_problem("spherical_pendulum", {"omega_z": 0.1, "literal_start": True})
     assert literal.reference() is None and computed.reference_of(literal) is None
     assert computed.source_of(literal) is computed.Source.NONE
@@ -199,8 +181,6 @@ def test_a_start_as_printed_has_no_reference_and_may_open_its_joints():
     away = t[:, None, None] * np.array([0.0, 0.0, 0.05])
     one = States.one(literal.initial)
     s = States(one.r + away, np.repeat(one.R, 101, 0), np.repeat(one.v, 101, 0), np.repeat(one.Omega, 101, 0))
-    trajectory = Trajectory(t, s, Status.SUCCESS, "", {})
-    m = measure(literal, trajectory)
-    c = columns(literal, trajectory, m)
-    assert c.get("reference", "") == "" and math.isnan(c.get("judged_to_s", math.nan))
-    assert not {Law.CONSTRAINT, Law.CONSTRAINT_RATE, Law.MOTION} & {r.law for r in doubts(literal, trajectory, m, c)}
+    judged = judge(literal, claimed(t, s))
+    assert judged.c.get("reference", "") == "" and math.isnan(judged.c.get("judged_to_s", math.nan))
+    assert not {Law.CONSTRAINT, Law.CONSTRAINT_RATE, Law.MOTION} & set(judged.laws)

@@ -6,20 +6,17 @@ import json
 import numpy as np
 import pytest
 
-from mbsbench import api
+from mbsbench import RigidBody, States, api, assemble
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.mechanics.system import RigidBody, assemble
-from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.scales import displacement
 from mbsbench.harness.metrics.summary import columns
-from mbsbench.harness.metrics.verdict import doubts
 from mbsbench.harness.results.words import accurate_until
 from mbsbench.harness.types import Law, Problem, Status, Trajectory
 
-from .slider_crank import slider_crank, with_ballast
+from ..reference.mechanisms import beside_ballast, slider_crank
+from .judged import claimed, judge
 
 SOUND = ("gc_weak_form", {"dt": 1e-3})
 LOOSE = ("ida_index3", {"rtol": 1e-3})
@@ -27,9 +24,8 @@ SIZES = ("length", "speed", "momentum", "energy")
 
 
 def laws_and_sizes(problem: Problem, trajectory: Trajectory) -> tuple[list[Law], np.ndarray]:
-    m = measure(problem, trajectory)
-    found = doubts(problem, trajectory, m, columns(problem, trajectory, m))
-    return [r.law for r in found], np.array([getattr(m.size, k) for k in SIZES])
+    judged = judge(problem, trajectory)
+    return judged.laws, np.array([getattr(judged.m.size, k) for k in SIZES])
 
 
 @pytest.fixture(scope="module", params=[SOUND, LOOSE], ids=["sound", "loose"])
@@ -43,17 +39,17 @@ def test_the_recorded_limits_are_those_that_are_judged():
     problem = registry.make_problem("spherical_pendulum", {"t_end": 0.1})
     reference = problem.reference()
     t = np.linspace(0.0, problem.t_end, 21)
-    exact = Trajectory(t, reference.states(t), Status.SUCCESS, "", {})
-    m = measure(problem, exact)
-    limit = columns(problem, exact, m)["phi_limit_m"]
+    exact = claimed(t, reference.states(t))
+    m, c, *_ = judge(problem, exact)
+    limit = c["phi_limit_m"]
     assert "phi_limit_m" not in columns(dataclasses.replace(problem, system=slider_crank().system), exact, m)
     for part, broken in ((0.9, False), (1.1, True)):
         s = exact.states
         away = np.where(np.arange(len(t)) == 5, part * limit, 0.0)[:, None, None] * [1.0, 0.0, 0.0]
         pulled = dataclasses.replace(exact, states=States(s.r + away, s.R, s.v, s.Omega))
-        laws, _ = laws_and_sizes(problem, pulled)
-        assert (Law.CONSTRAINT in laws) is broken
-        assert columns(problem, pulled, measure(problem, pulled))["gap_share_max"] == pytest.approx(part, rel=1e-9)
+        judged = judge(problem, pulled)
+        assert (Law.CONSTRAINT in judged.laws) is broken
+        assert judged.c["gap_share_max"] == pytest.approx(part, rel=1e-9)
 
 
 def test_of_hinges_the_share_of_the_limit_is_recorded():
@@ -63,9 +59,8 @@ def test_of_hinges_the_share_of_the_limit_is_recorded():
     for size in (1e-4, 1e-2, 1.0):
         away = size * np.array([1.0, 0.0, 0.0]) * (np.arange(len(exact.t)) == 5)[:, None, None]
         pulled = dataclasses.replace(exact, states=dataclasses.replace(exact.states, r=exact.states.r + away))
-        laws, _ = laws_and_sizes(problem, pulled)
-        share = columns(problem, pulled, measure(problem, pulled))["gap_share_max"]
-        assert (Law.CONSTRAINT in laws) is (share > 1.0)
+        judged = judge(problem, pulled)
+        assert (Law.CONSTRAINT in judged.laws) is (judged.c["gap_share_max"] > 1.0)
 
 
 def test_a_long_rocker_hides_no_lost_energy():
@@ -89,8 +84,7 @@ def test_a_longer_rocker_changes_no_scale():
 
 def test_dead_weight_changes_neither_scales_nor_verdict(run):
     """Ten tonnes welded to the ground 50 m away take no part; rounding of their m g y is 1e-9 J."""
-    system, states = with_ballast(run.problem.system, run.trajectory.states)
-    heavy = dataclasses.replace(run.problem, system=system, initial=states[0])
+    heavy, states = slider_crank(ballast=True), beside_ballast(run.trajectory.states)
     plain = laws_and_sizes(run.problem, run.trajectory)
     loaded = laws_and_sizes(heavy, dataclasses.replace(run.trajectory, states=states, reaction=None))
     assert loaded[0] == plain[0] and np.allclose(loaded[1], plain[1], rtol=1e-6)

@@ -6,17 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from mbsbench import api
-from mbsbench.harness.mechanics import so3
+from mbsbench import State, States, TimeFunction, api, so3
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import GROUND, Joint, Load, RigidBody, TorsionSpring, assemble
-from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.harness.mechanics.work import work
-from mbsbench.harness.metrics.measure import measure
-from mbsbench.harness.metrics.summary import columns
-from mbsbench.harness.metrics.verdict import doubts
 from mbsbench.harness.types import Law, Problem, Status, Trajectory
+
+from .judged import claimed, judge
 
 J, K, C = 0.02, 5.0, 0.002  # [kg m2], [N m/rad], [N m s]
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -35,12 +31,7 @@ def about_z(problem: Problem, t: np.ndarray, angle: np.ndarray, rate: np.ndarray
     """All discs at ``angle`` and ``rate`` (nt, nb)."""
     zero, places = np.zeros((*angle.shape, 3)), np.broadcast_to(problem.initial.r, (*angle.shape, 3))
     R = so3.exp(angle[..., None] * Z)
-    return Trajectory(t, States(places, R, zero, rate[..., None] * np.array(Z)), Status.SUCCESS, "", {})
-
-
-def broken_laws(problem: Problem, trajectory: Trajectory) -> set[Law]:
-    m = measure(problem, trajectory)
-    return {r.law for r in doubts(problem, trajectory, m, columns(problem, trajectory, m))}
+    return claimed(t, States(places, R, zero, rate[..., None] * np.array(Z)))
 
 
 @pytest.mark.parametrize(("solver", "steps"), [
@@ -78,22 +69,22 @@ def test_few_exact_steps_lose_no_energy(torque, frequency):
     assert not np.any(unknown)
     away = np.abs(E - E[0] - done)
     assert np.all(away <= unsure + 1e-9 * E[0]) and unsure[-1] < 1e-3 * E[0]
-    assert not broken_laws(problem, exact)
+    assert not judge(problem, exact).laws
 
 
 @pytest.mark.parametrize(("torque", "frequency"), [(0.0, 0.0), (1.0, 40.0)])
 def test_a_real_loss_is_found_between_few_steps(torque, frequency):
     """Up to 60 % of the speed goes without a cause: more than a tenth of the energy exchanged."""
     problem, false = braked(16, torque, frequency, lost=0.6)
-    assert Law.ENERGY in broken_laws(problem, false)
+    assert Law.ENERGY in judge(problem, false).laws
 
 
 def test_work_that_nobody_can_tell_is_not_judged_and_says_so():
     """A torque of 1e6 rad/s over steps of 0.6 s: more periods than can be followed; its error is stated."""
     problem, exact = braked(16, 1.0, 1e6)
-    m = measure(problem, exact)
+    m, c, *_ = judge(problem, exact)
     assert m.steps_of_unknown_work == 16 and np.max(np.abs(m.energy_error)) < 1e-12 * m.energy[0]
-    assert columns(problem, exact, m)["notes"].count("energy not judged over 16 of 16 steps") == 1
+    assert c["notes"].count("energy not judged over 16 of 16 steps") == 1
 
 
 def test_energy_is_judged_anew_after_a_step_of_unknown_work():
@@ -106,8 +97,8 @@ def test_energy_is_judged_anew_after_a_step_of_unknown_work():
         seen = dataclasses.replace(
             exact, t=exact.t[few], states=dataclasses.replace(s, Omega=s.Omega * slower), reaction=None
         )
-        assert measure(problem, seen).steps_of_unknown_work == 1
-        assert (Law.ENERGY in broken_laws(problem, seen)) is broken
+        assert judge(problem, seen).m.steps_of_unknown_work == 1
+        assert (Law.ENERGY in judge(problem, seen).laws) is broken
 
 
 def crank(turned: float) -> Problem:
@@ -141,8 +132,8 @@ def test_a_crank_half_a_turn_from_its_drive_is_wrong():
     problem, t = crank(0.0), np.linspace(0.0, 2.0, 201)
     for off in (np.full(201, np.pi), np.where(t > 1.0, np.pi, 0.0)):
         false = about_z(problem, t, (2.0 * t + off)[:, None], np.full((201, 1), 2.0))
-        assert Law.CONSTRAINT in broken_laws(problem, false)
-    assert not broken_laws(problem, about_z(problem, t, (2.0 * t)[:, None], np.full((201, 1), 2.0)))
+        assert Law.CONSTRAINT in judge(problem, false).laws
+    assert not judge(problem, about_z(problem, t, (2.0 * t)[:, None], np.full((201, 1), 2.0))).laws
 
 
 def test_the_record_of_a_damped_run_names_its_drift():

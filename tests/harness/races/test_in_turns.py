@@ -3,10 +3,7 @@
 import json
 import math
 
-import pytest
-
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.catalogue.registry import engines
 from mbsbench.harness.races import in_turns
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, to_json
@@ -62,16 +59,3 @@ def test_records_hold_the_times_of_the_turns_and_nothing_else_changes(tmp_path, 
         assert [n for n in json.loads(new.notes) if "turns" in n] == [
             "CPU times: 3 turns in one process, 2 runs of the problem in turns"
         ]
-
-
-@pytest.mark.parametrize("more", [["--in-turns", "0"], ["--in-turns", "2", "--cluster", "tcp://nowhere:1"]])
-def test_wrong_calls_are_one_line(tmp_path, capsys, more):
-    """Before anything runs."""
-    (tmp_path / "pair.toml").write_text(SUITE)
-    assert main(["run", str(tmp_path / "pair.toml"), "--out", str(tmp_path / "out"), *more]) == 2
-    assert capsys.readouterr().err.count("\n") == 1 and not (tmp_path / "out").exists()
-
-
-def test_engines_are_solvers_of_the_catalogue():
-    """One file each."""
-    assert {"mujoco", "exudyn"} <= set(engines())

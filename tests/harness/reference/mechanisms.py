@@ -2,40 +2,48 @@
 
 import numpy as np
 
-from mbsbench.harness.mechanics import so3
-from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.state import State
+from mbsbench import Problem, State, States, so3
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, SpringDamper, assemble
-from mbsbench.harness.types import Problem
 
 Z = (0.0, 0.0, 1.0)
+CRANK, ROD = 0.2, 0.5  # [m]
+BALLAST_AT = np.array([50.0, 30.0, 0.0])
 
 
-def slider_crank(t_end: float = 1.0) -> Problem:
-    """Crank 0.2 m, rod 0.5 m, its end guided by a rocker of 20 m: four revolute joints, 20 rows of rank 17."""
-    crank, rod, rocker = 0.2, 0.5, 20.0
-    angle, end = 0.6, 0.0
-    tip = crank * np.array([np.cos(angle), np.sin(angle), 0.0])
-    end = np.array([tip[0] + np.sqrt(rod**2 - tip[1] ** 2), 0.0, 0.0])
-    above = end + np.array([0.0, rocker, 0.0])
+def slider_crank(
+    rocker: float = 20.0, rate: float = 3.0, t_end: float = 3.0, *, hinged: bool = False, ballast: bool = False
+) -> Problem:
+    """A small motion in a large geometry: crank about O, rod, and a slider that a long weightless rocker guides.
 
-    def bar(mass: float, length: float) -> RigidBody:
-        return RigidBody(mass, np.diag([1e-4, 1.0, 1.0]) * mass * length**2 / 12.0 + np.eye(3) * 1e-4)
-
-    def along(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return so3.exp(np.array([0.0, 0.0, np.arctan2(b[1] - a[1], b[0] - a[0])]))
-
+    It starts with the crank upright, at ``rate`` [rad/s], and the rod in translation. Revolute joints at O and at the
+    rocker's pivot, spherical ones at the rod, whose roll is free; hinged, four revolute ones: 20 rows of rank 17.
+    The ballast is a fourth body, of ten tonnes, which two joints weld to the ground.
+    """
+    bar = [np.diag([1e-4, n**2 / 12.0, n**2 / 12.0]) for n in (CRANK, ROD)]
+    inertias = {"crank": bar[0], "rod": bar[1], "slider": np.eye(3) * 1e-3}
+    bodies, pin = [RigidBody(1.0, J, name) for name, J in inertias.items()], (Z, Z) if hinged else ()
+    x = np.sqrt(ROD**2 - CRANK**2)
     joints = [
-        Joint(0, (-crank / 2, 0.0, 0.0), GROUND, (0.0, 0.0, 0.0), Z, Z),
-        Joint(1, (-rod / 2, 0.0, 0.0), 0, (crank / 2, 0.0, 0.0), Z, Z),
-        Joint(2, (-rocker / 2, 0.0, 0.0), 1, (rod / 2, 0.0, 0.0), Z, Z),
-        Joint(2, (rocker / 2, 0.0, 0.0), GROUND, tuple(above), Z, Z),
-    ]
-    system = assemble([bar(1.0, crank), bar(2.0, rod), bar(0.1, rocker)], joints, (0.0, -9.81, 0.0))
-    r = np.array([tip / 2, (tip + end) / 2, (end + above) / 2])
-    R = np.array([along(0 * tip, tip), along(tip, end), along(end, above)])
-    rest = np.zeros((3, 3))
-    return problem("slider_crank", system, project(system, State(r, R, rest, rest)), t_end)
+        Joint(0, (-CRANK / 2, 0, 0), GROUND, (0, 0, 0), Z, Z), Joint(0, (CRANK / 2, 0, 0), 1, (-ROD / 2, 0, 0), *pin),
+        Joint(1, (ROD / 2, 0, 0), 2, (0, 0, 0), *pin), Joint(2, (0, rocker, 0), GROUND, (x, rocker, 0), Z, Z),
+    ]  # fmt: skip
+    if ballast:
+        bodies.append(RigidBody(1e4, np.eye(3) * 4e3, "ballast"))
+        joints += [Joint(3, (0, 0, 0), GROUND, BALLAST_AT, a, a) for a in (Z, (1.0, 0.0, 0.0))]
+    system = assemble(bodies, joints, (0.0, -9.81, 0.0))
+    u = -CRANK * rate
+    r = np.array([[0, CRANK / 2, 0], [x / 2, CRANK / 2, 0], [x, 0, 0]])
+    R = so3.exp(np.outer((np.pi / 2, -np.arcsin(CRANK / ROD), 0.0), Z))
+    v, Omega = np.array([[u / 2, 0, 0], [u, 0, 0], [u, 0, 0]]), np.array([[0, 0, rate], [0, 0, 0], [0, 0, u / rocker]])
+    start = State(r, R, v, Omega)
+    start = beside_ballast(States.one(start))[0] if ballast else start
+    return Problem("slider_crank", system, start, t_end, 1e-3, "", "made up")
+
+
+def beside_ballast(s: States) -> States:
+    """The same motion of three bodies beside the ballast."""
+    still = zip((s.r, s.R, s.v, s.Omega), (BALLAST_AT, np.eye(3), np.zeros(3), np.zeros(3)), strict=True)
+    return States(*(np.concatenate((a, np.broadcast_to(x, (len(a), 1, *x.shape))), axis=1) for a, x in still))
 
 
 def sprung(damping: float, t_end: float = 1.0) -> Problem:

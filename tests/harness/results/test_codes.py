@@ -1,5 +1,6 @@
 """What a digest covers, by law: words and layout never, an operator in every module whose numbers pass through it."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -22,7 +23,6 @@ def kept(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(kept):
-    """The package as it is."""
     return Sources(ROOT, kept)
 
 
@@ -55,8 +55,6 @@ def changed(before, after):
 
 def operator(text):
     """The first plus between two words that is code becomes a minus."""
-    import re
-
     lines = text.splitlines(keepends=True)
     start = next(k for k, line in enumerate(lines) if line.startswith(("def ", "@")))
     k = next(k for k in range(start, len(lines)) if re.search(r"^ {4}[^\"#]*= [^\"#]*\w \+ \w", lines[k]))
@@ -77,9 +75,7 @@ def test_every_entry_of_the_catalogue_has_a_digest(whole):
 def test_comments_docstrings_and_layout_change_nothing(whole, edited):
     """Of a solver, of a kernel and of what measures, all three at once."""
     for place in ("solvers/rattle.py", COMPILED[0], "harness/metrics/measure.py"):
-        after = edited(
-            place, lambda text: "# words\n" + text.replace('"""', '"""Other words. ', 1).replace("\n\n\n", "\n\n\n\n")
-        )
+        after = edited(place, reworded)
     assert not changed(whole.solvers, after.solvers) and not changed(whole.problems, after.problems)
     assert after.measuring == whole.measuring
 
@@ -113,9 +109,8 @@ def test_an_edit_of_a_declared_joint_asks_for_every_problem(whole, edited):
 def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
     after = edited("problems/exact/lagrange_top.py", operator)
     assert not changed(whole.solvers, after.solvers)
-    assert "heavy_top" in changed(whole.problems, after.problems) and "chain" not in changed(
-        whole.problems, after.problems
-    )
+    asked = changed(whole.problems, after.problems)
+    assert "heavy_top" in asked and "chain" not in asked
     after = edited("harness/metrics/scales.py", operator)
     assert after.measuring != whole.measuring and not changed(whole.solvers, after.solvers)
     assert after.code_of("chain", "rattle") != whole.code_of("chain", "rattle")
@@ -146,9 +141,8 @@ def test_the_digest_covers_all_that_a_run_runs(whole):
     """A module that a worker loads and the digest leaves out could change numbers unseen; these only arrange."""
     code = "import sys, mbsbench.harness.execution.supervisor as s; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('mbsbench.')])"  # noqa: E501
     done = subprocess.run((sys.executable, "-c", code), cwd=ROOT, capture_output=True, text=True, check=True)
-    loaded = {
-        Path(f).resolve().relative_to(ROOT).as_posix() for f in done.stdout.split() if not f.endswith("__init__.py")
-    }
+    files = [Path(f).resolve().relative_to(ROOT).as_posix() for f in done.stdout.split()]
+    loaded = {f for f in files if not f.endswith("__init__.py")}
     left_out = {p for p in loaded - whole.reach(*MEASURING)[0].keys() if not whole._arranges(p)}
     assert left_out == {f"harness/execution/{name}.py" for name in ("protocol", "supervisor", "warmup")}
 

@@ -34,7 +34,6 @@ def test_differences_are_distinguished(change, likeness):
 
 
 def test_runs_that_come_and_go_are_named():
-    """A lost run is the largest change of all."""
     found = compare([BASE], [dataclasses.replace(BASE, settings_id="b", case="new")])
     assert found.only_before == (BASE.case,) and found.only_after == ("new",) and not found.alike
 

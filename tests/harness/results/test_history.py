@@ -10,14 +10,8 @@ from msgspec.structs import fields
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError, to_json, write_text
 from mbsbench.harness.results import store
-from mbsbench.harness.results.history import (
-    METRICS,
-    Row,
-    find_histories,
-    load_history,
-    read_rows,
-    write_rows,
-)
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.history import METRICS, Row, find_histories, load_history, read_rows, write_rows
 from mbsbench.harness.results.records import RunRecord
 
 
@@ -70,28 +64,22 @@ def test_files_of_rows_add_what_folders_no_longer_hold(three, tmp_path):
     """Written, read, and mixed with folders: each run of a run once, ratios made anew."""
     file = tmp_path / "kept" / "old.jsonl"
     write_rows(file, load_history(three[1:]))
-    assert load_history(three, [file]) == load_history(three) or [to_json(r) for r in load_history(three, [file])] == [
-        to_json(r) for r in load_history(three)
-    ]
+    both, folders = ([to_json(r) for r in load_history(three, more)] for more in ([file], []))  # NaN is NaN in text
+    assert both == folders
     assert [r.cpu_ratio for r in load_history(three[:1], [file])][3] == 4.0
     assert all(json.loads(line)["cpu_ratio"] is None for line in file.read_text().splitlines())
 
 
-@pytest.mark.parametrize("line", ["{", "[]", "3", "{}", '{"commit": 1}', "null"])
-def test_other_files_are_reported_in_one_line(tmp_path, line):
-    """With the line's number."""
+GOOD = json.loads(to_json(Row(*["x"] * 10)))
+WRONG = ({"phi_max": 10**400}, {"phi_max": "1"}, {"steps": True}, {"case": 3}, {"gate": None})
+NO_ROWS = ["{", "[]", "3", "{}", '{"commit": 1}', "null", *(json.dumps({**GOOD, **bad}) for bad in WRONG)]
+
+
+@pytest.mark.parametrize("line", NO_ROWS, ids=range(len(NO_ROWS)))
+def test_other_files_and_wrong_types_are_reported_in_one_line(tmp_path, line):
     (tmp_path / "x.jsonl").write_text(f"\n{line}\n")
     with pytest.raises(FileError, match=r"x\.jsonl:2: "):
         read_rows(tmp_path / "x.jsonl")
-
-
-def test_wrong_types_are_reported(tmp_path):
-    """A number that is text, text that is a number."""
-    good = json.loads(to_json(Row(*["x"] * 10)))
-    for bad in ({"phi_max": 10**400}, {"phi_max": "1"}, {"steps": True}, {"case": 3}, {"gate": None}):
-        (tmp_path / "x.jsonl").write_text(json.dumps({**good, **bad}))
-        with pytest.raises(FileError):
-            read_rows(tmp_path / "x.jsonl")
 
 
 def test_what_stands_is_found(three, tmp_path):
@@ -104,7 +92,7 @@ def test_what_stands_is_found(three, tmp_path):
 
 
 def test_the_command_prints_one_line_per_run(three, capsys, monkeypatch):
-    """First, last, a sparkline; JSON for machines; an unknown metric is an error."""
+    """First, last, a sparkline; JSON for machines."""
     monkeypatch.setenv("COLUMNS", "80")
     names = [str(f) for f in three]
     assert main(["history", *names]) == 0
@@ -115,8 +103,6 @@ def test_the_command_prints_one_line_per_run(three, capsys, monkeypatch):
     assert main(["history", *names, "--json"]) == 0
     rows = [json.loads(x) for x in capsys.readouterr().out.splitlines()]
     assert len(rows) == 5 and {*METRICS} < {*rows[0]} and rows[-1]["cpu_ratio"] is None
-    assert main(["history", *names, "--metric", "phi_mx"]) == 2
-    assert "did you mean 'phi_max'" in capsys.readouterr().err
 
 
 def test_the_command_goes_on_without_damaged_files(three, tmp_path, capsys, monkeypatch):
@@ -131,8 +117,5 @@ def test_the_command_goes_on_without_damaged_files(three, tmp_path, capsys, monk
 
 
 def test_a_row_is_all_that_pages_need():
-    """Documented in docs/results-format.md."""
-    from mbsbench.harness.results.environment import ROOT
-
     text = (ROOT / "docs" / "results-format.md").read_text()
     assert all(f"`{f.name}`" in text for f in fields(Row))

@@ -5,20 +5,24 @@ import json
 
 import pytest
 
-from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.merging import merge
-from mbsbench.harness.suites.suite import parse_suite
 
-from ..conftest import PLUGIN, TIMED, Silent
+from ..conftest import TIMED, run_in
 
 TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.25, 0.5]'
 
 
-def run(folder, shard=(1, 1)):
-    suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    return run_suite(Request(suite, folder, 2, shard=shard), Silent(), LocalPool)
+def run(folder, shard=(1, 1), **more):
+    return run_in(folder, TEXT, shard=shard, **more)[0]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of one machine's run."""
+    folder = tmp_path_factory.mktemp("merging") / "whole"
+    run(folder)
+    return folder
 
 
 def numbers(folder):
@@ -30,8 +34,7 @@ def test_each_run_names_its_own_environment(tmp_path, monkeypatch):
     here = environment.stamp
     run(tmp_path / "1", (1, 2))
     monkeypatch.setattr(environment, "stamp", lambda *given: {**here(*given), "cpu": "another"})
-    suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    run_suite(Request(suite, tmp_path / "1", 2, resume=True), Silent(), LocalPool)
+    run(tmp_path / "1", resume=True)
     run(tmp_path / "2", (2, 2))
     merge(tmp_path / "merged", [tmp_path / "2", tmp_path / "1"])
     for folder in (tmp_path / "1", tmp_path / "merged"):
@@ -40,35 +43,33 @@ def test_each_run_names_its_own_environment(tmp_path, monkeypatch):
         assert len(set(names)) == 2 and 0 < cpus.count("another") < len(cpus) == 9
 
 
-def test_merged_shards_are_the_whole_run(tmp_path):
+def test_merged_shards_are_the_whole_run(tmp_path, whole):
     """Same rows, same numbers, same files; the sources stay; merging again adds nothing."""
     shards = [tmp_path / str(k) for k in (1, 2)]
     sizes = [len(run(folder, (k, 2)).records) for k, folder in enumerate(shards, 1)]
     assert sizes == [5, 4]
-    run(tmp_path / "whole")
     before = {p: p.read_bytes() for s in shards for p in s.rglob("*.json")}
     done = merge(tmp_path / "merged", shards)
     assert done.added == 9 and not done.conflicts and len(done.codes) == 1
-    assert numbers(tmp_path / "merged").equals(numbers(tmp_path / "whole"))
+    assert numbers(tmp_path / "merged").equals(numbers(whole))
     assert all(p.read_bytes() == content for p, content in before.items())
     assert merge(tmp_path / "merged", shards).added == 0
     assert (tmp_path / "merged" / "environment.json").exists() and (tmp_path / "merged" / "environment.2.json").exists()
 
 
-def test_contradictions_and_damage_are_reported(tmp_path):
+def test_contradictions_and_damage_are_reported(tmp_path, whole):
     """Two folders with other numbers for one run: the first is kept; a damaged record is not copied."""
-    run(tmp_path / "a")
-    first, *others = store.load(tmp_path / "a").records
+    first, *others = store.load(whole).records
     other = store.create(tmp_path / "b")
     store.write_record(other, dataclasses.replace(first, series="", phi_max=9.0))
     (other / "runs" / f"{others[0].run_id}.json").write_text("{")
-    done = merge(tmp_path / "out", [tmp_path / "a", other])
+    done = merge(tmp_path / "out", [whole, other])
     assert len(done.conflicts) == 1 and first.case in done.conflicts[0] and len(done.unreadable) == 1
     assert len(done.records) == 9 and [r.phi_max for r in done.records if r.run_id == first.run_id] == [first.phi_max]
 
 
 def test_a_folder_is_not_merged_into_itself(tmp_path):
     """It would be read and written at once."""
-    run(tmp_path / "a")
+    folder = store.create(tmp_path / "a")
     with pytest.raises(store.StoreError, match="one of the folders"):
-        merge(tmp_path / "a", [tmp_path / "a"])
+        merge(folder, [folder])

@@ -2,13 +2,18 @@
 
 import json
 import shlex
+import subprocess
+import sys
 
 import pytest
 
+from mbsbench.cli import solve
 from mbsbench.cli.arguments import Parser, parse_assignments
+from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.job import Job, record_of
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.reproduce import write_command
+from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import load_suite, parse_suite
 from mbsbench.harness.types import Status
 
@@ -33,10 +38,6 @@ cpu_limit = 7.5
 
 def run_of(line: str):
     """The run that ``solve`` would make of the line, without running it."""
-    from mbsbench.cli import solve
-    from mbsbench.harness.catalogue import registry
-    from mbsbench.harness.suites.spec import make_spec
-
     words = shlex.split(line)
     assert words[0] == "mbsbench"
     parser = Parser()
@@ -69,29 +70,9 @@ def test_words_of_a_foreign_record_stay_words():
     assert words[2:4] == ["p; rm -rf ~", "$(id)"] and "a'b=`id` \n&" in words and words[-1] == "x.npz"
 
 
-def test_the_command_runs(command_line_run):
-    """As printed, in a shell."""
-    done = command_line_run(
-        write_command(
-            RunRecord(run_id="abc", problem="free_fall", solver="exact", dt_s=0.5, solver_options='{"lift": 1e-14}'),
-            [str(PLUGIN)],
-        )
-    )
+def test_the_command_runs(tmp_path):
+    record = RunRecord(run_id="abc", problem="free_fall", solver="exact", dt_s=0.5, solver_options='{"lift": 1e-14}')
+    line = write_command(record, [str(PLUGIN)]).replace("mbsbench", f"{shlex.quote(sys.executable)} -m mbsbench.cli", 1)
+    done = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert "free_fall exact[lift=1e-14] dt=0.5" in done.stdout
-
-
-@pytest.fixture
-def command_line_run(tmp_path):
-    import os
-    import subprocess
-    import sys
-
-    def run(line: str):
-        program = f"{shlex.quote(sys.executable)} -m mbsbench.cli"
-        return subprocess.run(
-            line.replace("mbsbench", program, 1), shell=True, cwd=tmp_path, env=dict(os.environ),
-            capture_output=True, text=True, timeout=120, check=False,
-        )  # fmt: skip
-
-    return run

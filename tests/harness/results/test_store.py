@@ -83,24 +83,30 @@ def test_damaged_files_are_set_aside(tmp_path, part, damage):
 
 
 def test_foreign_records_are_refused(tmp_path):
-    """Another schema, another run's record, JSON of something else, a pickle."""
+    """Another schema, another run's record, JSON of something else or without end, a number beyond any, a pickle."""
     stored(tmp_path)
     good = tmp_path / "runs" / "abc.json"
     (tmp_path / "runs" / "other.json").write_bytes(good.read_bytes())
-    (tmp_path / "runs" / "list.json").write_text("[1, 2]")
+    others = {"list": "[1, 2]", "deep": "[" * 100_000, "long": '{"record": 1' + "0" * 5000 + "}"}
+    for name, text in others.items():
+        (tmp_path / "runs" / f"{name}.json").write_text(text)
     (tmp_path / "runs" / "binary.json").write_bytes(b"\x80\x04N.")
     loaded = store.load(tmp_path)
     assert len(loaded.records) == 1
-    assert {u.path.name for u in loaded.unreadable} == {"other.json", "list.json", "binary.json"}
+    assert {u.path.stem for u in loaded.unreadable} == {"other", "binary", *others}
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [({"schema": 99}, "schema"), ({"phi_max": "big"}, "phi_max"), ({"steps": 1.5}, "steps"), ({"steps": None}, "steps"),
-     ({"status": 3}, "status"), ({"counters": "[]"}, "counters"), ({"notes": "x"}, "notes")],
+     ({"status": 3}, "status"), ({"counters": "[]"}, "counters"), ({"notes": "x"}, "notes"),
+     ({"counters": json.dumps({"steps": 10**400})}, "counters"), ({"counters": '{"steps": 1.5}'}, "counters"),
+     ({"notes": "[1]"}, "notes"), ({"case": "\x1b]0;owned\x07"}, "case"), ({"solver": "a\nb"}, "solver"),
+     ({"invariant_drifts": '{"P": 3}'}, "invariant_drifts"),
+     ({"observable_errors": '{"x": {"max": "big"}}'}, "observable_errors")],
 )  # fmt: skip
 def test_wrong_types_are_refused(change, words):
-    """Everything read from disk is checked before it is believed."""
+    """Numbers of 400 digits, escape sequences in names, other shapes than declared: checked before it is believed."""
     with pytest.raises(BadRecord, match=words):
         from_json(json.dumps({**json.loads(to_json(RECORD)), **change}))
 
@@ -132,7 +138,6 @@ def test_latest_follows_and_leaves_strangers_alone(tmp_path):
 
 
 def test_unwritable_folder_is_said_in_a_line():
-    """Before anything runs."""
     with pytest.raises(store.StoreError, match="cannot write"):
         store.create(environment.ROOT / "Makefile" / "run")
 
@@ -160,7 +165,6 @@ def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line,
 
 
 def test_format_page_names_every_status():
-    """docs/results-format.md is the contract of those who read results."""
     text = (environment.ROOT / "docs" / "results-format.md").read_text()
     for status in Status:
         assert f"`{status}`" in text

@@ -4,13 +4,9 @@ import json
 
 import pytest
 
-from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
-from mbsbench.harness.suites.suite import parse_suite
-
 from .. import cheating
 from ..cheating import MUCH, WORK
-from ..conftest import PLUGIN, Silent
+from ..conftest import PLUGIN, run_in
 
 TICKS = 0.9  # of the work: other processes are accounted in ticks of 10 ms
 SUITE = """
@@ -22,17 +18,17 @@ options = { where = ["call", "refuses", "daemon", "daemon_in_refuses", "child", 
                      "first", "file"] }
 """
 AT_IMPORT = (
-    "from mbsbench.tests.harness.cheating import _Base, work\nfrom mbsbench.harness.catalogue.registry import solver\n"
+    "from mbsbench.tests.harness.cheating import Exact, work\nfrom mbsbench.harness.catalogue.registry import solver\n"
 )
 AT_IMPORT += 'from dataclasses import dataclass\nwork()\n@solver("prepared")\n@dataclass(frozen=True)\n'
-AT_IMPORT += 'class Prepared(_Base):\n    """Has worked already."""\n'
+AT_IMPORT += 'class Prepared(Exact):\n    """Has worked already."""\n'
 
 
 @pytest.fixture(scope="module")
 def records(tmp_path_factory):
     """Of all ways, by where the work is done."""
-    suite = parse_suite(SUITE, "cheats", "cheats", plugins=(str(PLUGIN), cheating.__file__))
-    found = run_suite(Request(suite, tmp_path_factory.mktemp("cheats") / "run", 2), Silent(), LocalPool).records
+    folder = tmp_path_factory.mktemp("cheats") / "run"
+    found = run_in(folder, SUITE, plugins=(PLUGIN, cheating.__file__))[0].records
     assert {r.status for r in found} == {"success"}
     return {json.loads(r.solver_options).get("where", "call"): r for r in found}
 
@@ -72,7 +68,6 @@ def test_work_at_import_is_set_up(tmp_path):
     plugin = tmp_path / "prepared.py"
     plugin.write_text(AT_IMPORT)
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "prepared"'
-    suite = parse_suite(text, "s", "s", plugins=(str(PLUGIN), str(plugin)))
-    (r,) = run_suite(Request(suite, tmp_path / "run", 1), Silent(), LocalPool).records
+    (r,) = run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, plugin))[0].records
     assert r.status == "success", r.message
     assert r.cpu_import_s > TICKS * WORK and r.setup_s > TICKS * WORK

@@ -10,13 +10,10 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import solve_file
-from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import store
 from mbsbench.harness.results.words import why
-from mbsbench.harness.suites.suite import parse_suite
 
-from ..conftest import HOSTILE, PLUGIN, Silent
+from ..conftest import HOSTILE, PLUGIN, run_in
 from ..misbehaving import free_fall
 
 SUITE = """
@@ -63,10 +60,8 @@ options = { force = [1e9, 1e300] }
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory):
     """All of them in one run; none ends it."""
-    folder = tmp_path_factory.mktemp("hostile") / "run"
-    suite = parse_suite(SUITE, "hostile", "hostile", plugins=(str(PLUGIN), str(HOSTILE)))
-    loaded = run_suite(Request(suite, folder, 2), Silent(), LocalPool)
-    assert len(loaded.records) == len(suite.specs) and not loaded.unreadable
+    loaded, watcher = run_in(tmp_path_factory.mktemp("hostile") / "run", SUITE, plugins=(PLUGIN, HOSTILE))
+    assert len(loaded.records) == watcher.total and not loaded.unreadable
     return loaded.records
 
 
@@ -94,9 +89,8 @@ def test_a_folder_in_place_of_a_file_costs_its_run_at_most(outcome):
 def test_a_file_in_place_of_the_folder_of_errors_ends_the_suite_in_a_line(tmp_path):
     """The run that put it there fails; no later one can be started, and none is blamed."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "obstructs"\noptions = { what = ["errors", "record"] }'
-    suite = parse_suite(text, "s", "s", plugins=(str(PLUGIN), str(HOSTILE)))
     with pytest.raises(Exception, match=r"stderr: it is a file"):
-        run_suite(Request(suite, tmp_path / "run", 1), Silent(), LocalPool)
+        run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, HOSTILE))
     (record,) = store.load(tmp_path / "run").records
     assert record.status == "crashed" and "stderr" in record.message
 

@@ -14,6 +14,8 @@ from mbsbench.harness.sandbox.apart import Apart
 from mbsbench.harness.sandbox.isolation import fork
 from mbsbench.harness.types import EndedBy, Status
 
+from ..conftest import run_in
+
 LIMIT = 1.0  # [s]
 
 BAD = [
@@ -60,29 +62,18 @@ EXPECTED = {
 }
 
 
-def run(text, folder):
-    from mbsbench.harness.execution.pool import LocalPool
-    from mbsbench.harness.execution.runner import Request, run_suite
-    from mbsbench.harness.suites.suite import parse_suite
-
-    from ..conftest import PLUGIN, Silent
-
-    suite = parse_suite(text, "bad", "bad", plugins=(str(PLUGIN),))
-    return run_suite(Request(suite, folder, 2), Silent(), LocalPool)
-
-
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory):
     """All kinds in one run, shared by the tests below."""
     folder = tmp_path_factory.mktemp("bad") / "run"
-    return folder, run(SUITE, folder)
+    return folder, run_in(folder, SUITE)[0]
 
 
 @pytest.mark.slow
 def test_a_run_that_waits_without_end_is_ended(tmp_path):
     """It uses no CPU time, so the limit on that never ends it: the net of wall time does."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\noptions = { seconds = 600.0 }\ncpu_limit = 0.1\n'
-    (record,) = run(text, tmp_path / "run").records
+    (record,) = run_in(tmp_path / "run", text)[0].records
     assert record.status == Status.UNFINISHED and record.ended_by == EndedBy.WALL_LIMIT, record
 
 

@@ -2,11 +2,13 @@
 
 import pytest
 
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.files import FileError
 from mbsbench.harness.suites.includes import suite_names
 from mbsbench.harness.suites.suite import load_suite, parse_suite
 
-from ..conftest import PLUGIN
+from ..conftest import PLUGIN, Silent
 
 GROUP = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
 
@@ -22,7 +24,6 @@ def test_a_sweep_is_even_in_the_logarithm_and_has_both_ends():
 
 
 def test_lists_are_products():
-    """Two problems' parameters x two solvers x three steps."""
     made = specs(
         '[[runs]]\nproblem = "free_fall"\nparameters = {mass = [1, 2.0]}\n'
         'solver = ["exact", "raises"]\ndt = [0.1, 0.2, 1]'
@@ -63,9 +64,6 @@ def test_a_tuple_parameter_takes_a_flat_list():
 
 
 def test_runs_survive_their_trip_to_the_worker(tmp_path):
-    """What the worker gets is what was checked: same address."""
-    from mbsbench.harness.execution.job import Job
-
     for spec in specs(
         '[[runs]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = [1, 2, 4], yaw = 0.7 }'
     ):
@@ -107,11 +105,6 @@ def test_shipped_suites_can_be_included(tmp_path):
 
 
 def test_a_run_folder_holds_a_suite_that_includes(tmp_path):
-    """The copies, run again, are the same runs."""
-    from mbsbench.harness.execution.runner import Request, run_suite
-
-    from ..conftest import Silent
-
     suite = written(tmp_path, base=GROUP, top=f'include = ["base"]\nplugins = ["{PLUGIN}"]')()
     run_suite(Request(suite, tmp_path / "run", 1), Silent())
     assert load_suite(str(tmp_path / "run" / "suite.toml")).specs == suite.specs
@@ -138,7 +131,6 @@ INCLUDES = {
 
 @pytest.mark.parametrize("text", INCLUDES, ids=range(len(INCLUDES)))
 def test_wrong_includes_are_reported_in_one_line(text, tmp_path):
-    """Unknown, circular, ambiguous, or wrong themselves."""
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "base.toml").write_text(GROUP)
     load = written(
@@ -204,7 +196,6 @@ BAD = {
 
 @pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
 def test_wrong_suites_are_reported_in_one_line(text):
-    """With the file, the group, and what was expected."""
     with pytest.raises(FileError) as error:
         specs(text)
     assert BAD[text] in str(error.value) and "\n" not in str(error.value) and "test.toml" in str(error.value)

@@ -1,7 +1,6 @@
 """A run of every ending with judgements made by hand, and its pages."""
 
 import shutil
-from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
@@ -16,32 +15,6 @@ from ..conftest import every_kind
 from .synthetic import judge
 
 PAGES = {"claims.html": claims, "cost.html": cost, "atlas.html": atlas, "solver-alpha.html": solvers}
-
-
-class Outline(HTMLParser):
-    """Tags with attributes, and the text that a reader sees."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.parts: list[str] = []
-        self.inside = 0
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        self.inside += tag in ("script", "style")
-
-    def handle_endtag(self, tag):
-        self.inside -= tag in ("script", "style")
-
-    def handle_data(self, data):
-        if not self.inside:
-            self.parts.append(data)
-
-    @property
-    def text(self) -> str:
-        return " ".join(" ".join(self.parts).split())
 
 
 def render(results: Results, modules) -> dict[str, str]:

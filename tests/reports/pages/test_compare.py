@@ -13,9 +13,8 @@ from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.change.compare import changes, write_compare
 from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
 
-from ..bundles import opened
 from ..conftest import HOSTILE, because, every_kind, put, record, series
-from .conftest import Outline
+from ..outline import Outline, opened
 from .synthetic import CLAIM
 
 
@@ -110,8 +109,8 @@ def test_page_of_two_runs(two_runs, tmp_path):
     page = write_compare(a, b, Place(tmp_path) / "out")
     html = page.read_text(encoding="utf-8")
     assert page == tmp_path / "out" / "compare.html"
-    assert "<script>alert" not in html and HOSTILE in Outline(html).text
-    text = Outline(html).text
+    assert "<script>alert" not in html and HOSTILE in Outline(html).plain
+    text = Outline(html).plain
     assert text.index("Endings 1 change") < text.index("Motion 1 change")
     assert "processor" in text  # an input that differs
     assert "Only in A" in text and "Only in B" in text
@@ -126,5 +125,5 @@ def test_page_of_two_runs(two_runs, tmp_path):
 def test_a_run_compared_with_itself_has_no_change(two_runs, tmp_path):
     a, _ = two_runs
     assert changes(read_results(a), read_results(a)) == ()
-    text = Outline(write_compare(a, a, Place(tmp_path)).read_text(encoding="utf-8")).text
+    text = Outline(write_compare(a, a, Place(tmp_path)).read_text(encoding="utf-8")).plain
     assert "No input differs, and no result does." in text and "Nothing changed" in text

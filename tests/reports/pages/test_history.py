@@ -11,7 +11,8 @@ from mbsbench.reports.pages.change.history import gather, lines, moments, moved
 from mbsbench.reports.pages.svg import sparkline
 
 from ..conftest import HOSTILE, put, record, series
-from .conftest import Outline, render
+from ..outline import Outline
+from .conftest import render
 
 
 def run_folder(parent, name, commit, runs):
@@ -56,8 +57,8 @@ def test_runs_are_listed_in_their_order_with_their_endings(three_runs, tmp_path)
 
 def test_page_of_three_commits(three_runs):
     html = render(three_runs, [history])["history.html"]
-    assert "<script>alert" not in html and HOSTILE in Outline(html).text
-    assert "3 folders, 3 commits" in Outline(html).text and "no history yet" not in html
+    assert "<script>alert" not in html and HOSTILE in Outline(html).plain
+    assert "3 folders, 3 commits" in Outline(html).plain and "no history yet" not in html
 
 
 def test_one_commit_has_no_page(tmp_path, monkeypatch):

@@ -32,7 +32,6 @@ def test_pages_load_without_a_fault_and_fit(browser, folder, width, dark):
         if width < 600:
             tab.evaluate(OPEN)
             assert (tab.evaluate(SMALL), tab.evaluate(LOW)) == ([], []), name
-        tab.close()
 
 
 def test_all_published_claims_fit_a_phone_and_are_searched(browser, tmp_path):
@@ -50,7 +49,6 @@ def test_all_published_claims_fit_a_phone_and_are_searched(browser, tmp_path):
     tab.evaluate(f"location.hash = '#{first}'")
     tab.until(f"document.getElementById('{first}').open")
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390 and tab.faults == []
-    tab.close()
 
 
 def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
@@ -73,7 +71,6 @@ def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
     tab.press("ArrowRight")
     second = tab.evaluate("document.activeElement.getAttribute('aria-label')")
     assert second != first and tab.evaluate(f"{grid}.querySelector('.readout').textContent") == second
-    tab.close()
 
 
 def test_thousands_of_certificates_are_paged_and_the_address_keeps_the_choice(browser, tmp_path):
@@ -104,7 +101,6 @@ def test_thousands_of_certificates_are_paged_and_the_address_keeps_the_choice(br
     assert len(shown) == 100 and tab.faults == []
     tab.evaluate("document.querySelector('#orders-table thead button').click()")  # all rows are sorted, not these
     assert tab.evaluate(said) == "rows 1 to 100 of 625"
-    tab.close()
 
 
 def test_a_link_to_a_hidden_claim_brings_it_back(browser, folder):
@@ -112,7 +108,6 @@ def test_a_link_to_a_hidden_claim_brings_it_back(browser, folder):
     tab.evaluate(CHOOSE % "refuted")
     tab.evaluate("location.hash = '#first-claim'")
     tab.until("!document.getElementById('first-claim').hidden")
-    tab.close()
 
 
 @pytest.mark.parametrize("page", ["cost.html", "solver-alpha.html"])
@@ -124,7 +119,6 @@ def test_plots_are_drawn(browser, folder, page):
     tab.until("document.querySelector('.canvas.first .axis')")
     assert tab.ink(".canvas.first") > 0.002
     assert tab.faults == []
-    tab.close()
 
 
 def test_another_pair_of_work_and_error_shows_its_plots(browser, folder):
@@ -138,4 +132,3 @@ def test_another_pair_of_work_and_error_shows_its_plots(browser, folder):
     assert choices and set(choices) == {"energy-cpu"}
     tab.evaluate("document.querySelector('.field [data-choice]:not([hidden])').scrollIntoView()")  # drawn when seen
     tab.until("document.querySelector('.field [data-choice]:not([hidden]) .axis')")
-    tab.close()

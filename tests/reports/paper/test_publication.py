@@ -69,6 +69,7 @@ def test_latex_is_balanced_and_harmless(results):
         assert [k[: k.index("{")] for k in lines if "{tabular}" in k] == [r"\begin", r"\end"]
         assert all(re.sub(r"\\\$", "", k).count("$") % 2 == 0 for k in lines)
         rows = [re.sub(r"\\&", "", k) for k in lines if k.endswith(r"\\")]
+        assert len(rows) == len(variant.runs) + 1
         assert {k.count("&") for k in rows} == {len(tables.printed(variant.runs)) - 1}
         assert r"\frac" not in text and "<script>" not in text
 

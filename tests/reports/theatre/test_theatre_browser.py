@@ -15,17 +15,13 @@ STATS = "MBS.theatre.stats()"
 @pytest.fixture
 def open_(browser, staged):
     """Opens the page of the two bars at a time, and waits until it is drawn."""
-    tabs = []
 
     def page(at: str = "t=0", **size):
         tab = browser.open(f"{staged[1] / 'theatre-pendulum.html'}#{at}", **size)
-        tabs.append(tab)
         tab.until(READY)
         return tab
 
-    yield page
-    for tab in tabs:
-        tab.close()
+    return page
 
 
 def faults(tab) -> list[str]:

@@ -1,8 +1,7 @@
 """Problems that try every part of an export: loops, both kinds of joints, floating bodies, springs, redundant rows."""
 
-from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench import Problem, make_problem
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.types import Problem
 
 from ...harness.reference.mechanisms import problem, slider_crank, sprung
 from ..arbitrary_systems import consistent, linkage
@@ -30,6 +29,6 @@ def perturbed_chain() -> Problem:
     return make_problem("chain", {"perturb": 0.1, "t_end": 0.1})
 
 
-PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain, slider_crank)} | {
-    "sprung": lambda: sprung(0.7)
-}
+PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain)} | {
+    "slider_crank": lambda: slider_crank(hinged=True), "sprung": lambda: sprung(0.7),
+}  # fmt: skip

@@ -1,4 +1,4 @@
-"""Every engine with a model of its own: that model is ours, a planted fault is refused, it moves as the reference."""
+"""Every engine with a model of its own: that model is ours, a planted fault is refused, loops and motions are exact."""
 
 import dataclasses
 import importlib
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver
+from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines import mujoco, pinocchio
 from mbsbench.solvers.engines.export.model_check import differences
@@ -21,15 +22,18 @@ SPRINGLESS = {"pinocchio"}
 CONTROL = StepControl(dt=1e-3)
 
 
+def needs(*names):
+    missing = [PACKAGES[name] for name in names if importlib.util.find_spec(name) is None]
+    return pytest.mark.skipif(bool(missing), reason=f"{missing} is an optional extra: make test-engines")
+
+
 def module_of(name):
     return importlib.import_module(type(make_solver(name)).__module__)
 
 
-@pytest.fixture(params=PACKAGES)
+@pytest.fixture(params=[pytest.param(name, marks=needs(name)) for name in PACKAGES])
 def engine(request):
     """An installed engine's name."""
-    if importlib.util.find_spec(request.param) is None:
-        pytest.skip(f"{PACKAGES[request.param]} is an optional extra: make test-engines")
     return request.param
 
 
@@ -106,11 +110,11 @@ ORDERS = [  # engine, options, problem, coarsest step, halvings, order, within
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "options", "problem", "dt", "halvings", "order", "within"), ORDERS)
+@pytest.mark.parametrize(
+    ("name", "options", "problem", "dt", "halvings", "order", "within"),
+    [pytest.param(*row, marks=needs(row[0])) for row in ORDERS],
+)
 def test_the_order_is_the_declared_one(name, options, problem, dt, halvings, order, within):
-    """The last slope of the position errors."""
-    if importlib.util.find_spec(name) is None:
-        pytest.skip(f"{PACKAGES[name]} is an optional extra: make test-engines")
     p = make_problem(*problem)
     errors = [error(p, run(p, dt / 2**k, name, **options)) for k in range(halvings + 1)]
     assert orders(errors)[-1] == pytest.approx(order, abs=within)
@@ -127,11 +131,9 @@ def test_springs_and_dampers_are_the_engines_own(engine):
     assert errors[0] < 1e-4 and errors[1] < 0.35 * errors[0]
 
 
+@needs("mujoco", "pinocchio")
 def test_two_engines_agree_where_their_scheme_is_the_same():
     """Semi-implicit Euler in the same joint coordinates: nothing but rounding is left between two codes."""
-    for name in ("mujoco", "pinocchio"):
-        if importlib.util.find_spec(name) is None:
-            pytest.skip(f"{PACKAGES[name]} is an optional extra: make test-engines")
     problem = make_problem("heavy_top", {"t_end": 0.2})
     one, two = (make_solver(n, {"integrator": "Euler"}).solve(problem, CONTROL) for n in ("mujoco", "pinocchio"))
     np.testing.assert_allclose(one.states.R, two.states.R, atol=1e-11)  # rounding grows in 200 steps of a fast top
@@ -147,3 +149,43 @@ def test_stretches_join(engine, monkeypatch):
     parts = make_solver(engine).solve(problem, CONTROL)
     np.testing.assert_array_equal(parts.t, whole.t)
     np.testing.assert_allclose(parts.states.r, whole.states.r, atol=1e-5)  # restarts of an implicit method
+
+
+@needs("exudyn")
+def test_rows_left_out_still_hold():
+    """Of the grid's 70 rows 58 are stated; the others follow from them. Kept, they give the same motion."""
+    problem, ends = PROBLEMS["grid"](), []
+    for rows, words in (("drop", "58 of 70 constraint rows"), ("keep", "70 of 70 constraint rows")):
+        t = make_solver("exudyn", {"redundant_rows": rows}).solve(problem, StepControl(dt=5e-3))
+        assert t.status is Status.SUCCESS, t.message
+        assert t.notes[0] == words
+        assert np.max(np.abs(constraint(problem.system, t.states))) < 1e-3
+        ends.append(t.states.r[-1])
+    np.testing.assert_allclose(*ends, atol=1e-4)
+
+
+@needs("exudyn")
+def test_a_singular_chart_is_refused_in_words():
+    """Kept rows need Tait-Bryan angles; bars along X put them at their singularity."""
+    problem = make_problem("four_bar_grid", {"rows": 1, "columns": 1})
+    said = make_solver("exudyn", {"redundant_rows": "keep"}).refuses(problem, StepControl(dt=1e-2))
+    assert said is not None and said.startswith("Tait-Bryan angles are singular at the start of v1,0")
+
+
+@needs("pinocchio")
+def test_gain_closes_the_gaps():
+    """Cut joints hold through accelerations: errors open them as time goes on, unless the corrector is on."""
+    problem, gaps = dataclasses.replace(PROBLEMS["slider_crank"](), t_end=4.0), {}
+    for gain in (0.0, 10.0):
+        t = make_solver("pinocchio", {"gain": gain}).solve(problem, StepControl(dt=1e-2))
+        assert t.status is Status.SUCCESS, t.message
+        gaps[gain] = np.max(np.abs(constraint(problem.system, t.states)))
+    assert gaps[10.0] < 0.1 * gaps[0.0]
+
+
+def test_a_loop_with_springs_is_that_of_the_strong_form_in_cvode():
+    """A loop with springs against Runge-Kutta on another formulation; reactions at the start too."""
+    problem = PROBLEMS["closed_chain"]()
+    ours, theirs = (make_solver(n).solve(problem, StepControl(rtol=1e-10)) for n in ("rkmk_dop853", "cvode"))
+    np.testing.assert_allclose(theirs.states.r[-1], ours.states.r[-1], atol=1e-7)
+    np.testing.assert_allclose(theirs.reaction[0], ours.reaction[0], rtol=1e-8, atol=1e-8)

@@ -10,17 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbsbench.api import load
+from mbsbench import JointKind, States, StepControl, load, make_problem
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import mechanism_files, plugins, registry
 from mbsbench.harness.catalogue.mechanism import Mechanism, Omitted
-from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.dynamics import accelerations
-from mbsbench.harness.mechanics.joints import JointKind
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.results.environment import ROOT, code_digest
-from mbsbench.harness.types import StepControl
 from mbsbench.solvers.engines import mujoco as engine
 from mbsbench.solvers.engines.export.model_check import SAME, EngineModel, differences
 from mbsbench.solvers.engines.export.tree import spanning_tree

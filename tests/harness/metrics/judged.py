@@ -1,0 +1,31 @@
+"""How a run is judged: its measures, its columns, the laws that it breaks and where it is inaccurate."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbsbench import Problem, States, Status, Trajectory
+from mbsbench.harness.metrics.measure import Measured, measure
+from mbsbench.harness.metrics.summary import columns
+from mbsbench.harness.metrics.verdict import doubts, inaccuracy
+from mbsbench.harness.types import Law, Reason
+
+
+class Judgement(NamedTuple):
+    m: Measured
+    c: dict[str, Any]
+    inaccuracy: list[Reason]
+    doubts: list[Reason]
+    laws: list[Law]  # of the doubts
+
+
+def judge(problem: Problem, run: Trajectory) -> Judgement:
+    m = measure(problem, run)
+    c = columns(problem, run, m)
+    broken = doubts(problem, run, m, c)
+    return Judgement(m, c, inaccuracy(m, c), broken, [r.law for r in broken])
+
+
+def claimed(t: np.ndarray, states: States) -> Trajectory:
+    """A motion whose solver claims success."""
+    return Trajectory(t, states, Status.SUCCESS, "", {})
