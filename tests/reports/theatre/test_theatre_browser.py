@@ -45,6 +45,11 @@ def test_it_draws_without_network_or_complaint(open_, width, dark, flat):
     assert faults(tab) == [] and tab.requests == []
 
 
+def test_axe_finds_no_violation(axe, staged):
+    """Light and dark, on a desktop and a phone."""
+    assert axe(f"{staged[1] / 'theatre-pendulum.html'}#t=0.4") == []
+
+
 @pytest.mark.parametrize("at", ["t=0.4", "t=0.4&overlay"])
 def test_draw_calls_do_not_grow_with_bodies(open_, at):
     """Instances: a mesh a player and kind of shape, the exact bars, and in each cell ground, supports and trails."""
