@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses, between, enough
-
 from mbsbench.reports.model.results import read_results
 
 from ..browser import LOW, SMALL
@@ -65,7 +64,7 @@ def test_draw_calls_do_not_grow_with_bodies(open_, at):
 
 
 def test_a_processor_draws_lines_in_few_strokes(open_):
-    """Pixels in 3-D cost it 18 ms a frame, these strokes 2: each kind of shape of a player is one path, however many."""
+    """Pixels in 3-D cost it 18 ms a frame, these strokes 2: shapes of a kind are one path, however many."""
     tab = open_("t=0.4")
     assert (tab.evaluate(READY), tab.evaluate(f"{STATS}.renderer")) == ("flat", "2-D canvas")
     players = tab.evaluate("MBS['theatre-pendulum'].players.length")
@@ -83,15 +82,15 @@ def test_a_visitor_adds_a_run_that_is_not_on_stage(browser, tmp_path):
     page = staged_pages(results) / f"theatre-{results.variants[0].slug}.html"
     tab = browser.open(f"{page}#t=0.4")
     tab.until(READY)
-    rows, choices = ("document.querySelectorAll('[data-player]').length", "document.querySelectorAll('[data-add] option')")
-    assert tab.evaluate(rows) == 10 and tab.evaluate(f"{choices}.length") == 1 + 2
+    rows, choices = (f"document.querySelectorAll('{of}')" for of in ("[data-player]", "[data-add] option"))
+    assert tab.evaluate(f"{rows}.length") == 10 and tab.evaluate(f"{choices}.length") == 1 + 2
     wanted = tab.evaluate(f"{choices}[1].value")
     tab.evaluate("""(() => { const s = document.querySelector("[data-add]"); s.selectedIndex = 1;
         s.dispatchEvent(new Event("change")); })()""")
-    tab.until(f"{rows} === 11 && {READY}")
+    tab.until(f"{rows}.length === 11 && {READY}")
     name = page.stem
     assert tab.evaluate(f"MBS['{name}'].players[10].run") == wanted and wanted in tab.evaluate("location.hash")
-    assert tab.evaluate(f"document.querySelectorAll('[data-player]')[10].querySelector('a').href").endswith(f"{wanted}.html")
+    assert tab.evaluate(f"{rows}[10].querySelector('a').href").endswith(f"{wanted}.html")
     assert tab.evaluate("[...document.querySelectorAll('.labels span')].filter((e) => !e.hidden).length") == 11
     assert tab.evaluate(f"{STATS}.t") == 0.4 and faults(tab) == []
     tab.close()
