@@ -34,8 +34,8 @@ def write(results: Results, site: Site) -> Page | None:
     races = costs(results, found, site.url)
     stages = [site.scenes[p.title] for p in one_a_problem(picture, label) if p.title in site.scenes]
     on = stages[0] if stages else {}
-    near = [k for key in ("slug", "problem") for k, r in enumerate(races) if r[key] == on.get(key)]
-    first = near[0] if near else 0
+    near = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]  # of them the one with most points
+    first = max(near, key=lambda k: sum(len(s["points"]) for s in races[k]["solvers"].values()), default=0)
     target = default_target(races[first]) if races else 0
     data = {"costs": races, "stages": stages, "cells": _cells(results, site, picture), "first": first, "target": target,
             "colours": {s: k.colour for s, k in site.looks.items()}}  # fmt: skip
