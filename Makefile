@@ -6,6 +6,9 @@ READY := $(VENV)/.ready
 CLUSTER := $(VENV)/.ready-cluster
 ENGINES := $(VENV)/.ready-engines
 DOCS := $(VENV)/.ready-docs
+AXE := $(VENV)/axe/package/axe.min.js
+AXE_VERSION := 4.14.1
+AXE_SHA512 := 1477dafa598d8d065f273d6af302aa203c02e83131707b7fa648cd41bd3d6b734f8c22a0dab86ee6a6f64b8afbe804b214d36db85a2826965edfb3a0b9d546b5
 RESULTS ?= latest
 PROBLEM ?= chain
 PICTURES ?= docs/images
@@ -87,14 +90,17 @@ format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-browser: ## install Chromium for the tests of pages (apt, as root); or set CHROMIUM to one that is there
+browser: ## install Chromium for the tests of pages (apt, as root), or set CHROMIUM to one that is there; fetch axe-core (npm)
 	@for c in $(CHROMIUM) chromium chromium-browser google-chrome chrome; do command -v $$c && exit; done; \
 	if test "$$(id -u)" != 0 || ! command -v apt-get >/dev/null; then \
 	echo "error: no Chromium on this machine, and none can be installed here; set CHROMIUM=/path/to/chromium" >&2; exit 2; fi; \
 	apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium
+	@test -f $(AXE) || { mkdir -p $(VENV)/axe && cd $(VENV)/axe && npm pack --silent axe-core@$(AXE_VERSION) && \
+	echo '$(AXE_SHA512)  axe-core-$(AXE_VERSION).tgz' | sha512sum --check --quiet && tar -xzf axe-core-$(AXE_VERSION).tgz; } || \
+	{ echo 'error: axe-core could not be fetched with npm: the tests of accessibility cannot run' >&2; exit 2; }
 
-bench: $(READY) ## run the suite `paper`, judge what it allows and write its report: the main result
-	$(BIN)/mbsbench run paper
+bench: $(READY) ## run the suite `bench`, judge what it allows and write its report: the main result
+	$(BIN)/mbsbench run bench
 	@status=0; $(BIN)/mbsbench judge --partial >/dev/null || status=$$?; test $$status -le 1 || exit $$status
 	$(BIN)/mbsbench report
 
@@ -107,10 +113,8 @@ paper: $(READY) ## judge the paper (an hour on two cores): run or resume the sui
 figures: $(READY) ## publication figures and tables of RESULTS (the newest), or of one PROBLEM of them
 	$(BIN)/mbsbench figures $(RESULTS) $(if $(filter command line environment,$(origin PROBLEM)),--only $(PROBLEM))
 
-pictures: $(READY) ## the pictures of the README and docs/judging.md, from RESULTS (the newest)
-	$(BIN)/mbsbench figures $(RESULTS) --only chain | tee /dev/stderr | sed -n 's/^figures: //p' > $(VENV)/.figures
-	cp "$$(cat $(VENV)/.figures)/overview.svg" $(PICTURES)/overview.svg
-	cp "$$(cat $(VENV)/.figures)/chain/chain-recommended-energy.svg" $(PICTURES)/chain.svg
+pictures: $(READY) ## the pictures of the README and docs/judging.md, from RESULTS (the newest) and two runs made here
+	$(BIN)/python docs/draw_pictures.py $(RESULTS) $(PICTURES)
 
 joints: $(READY) ## the pictures of the joints in docs/joints-and-forces.md, from their rows
 	$(BIN)/python docs/draw_joints.py $(PICTURES)/joints

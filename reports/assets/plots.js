@@ -228,8 +228,8 @@
     return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 460" width="720" height="460"><style>${style}</style><rect width="720" height="460" fill="#fff"/>${inside}</svg>`;
   };
 
-  const row = (cells, kind = "td") => MBS.element("tr", {}, ...cells.map((textContent, k) => MBS.element(k === 0 ? "th" : kind,
-    { textContent, scope: kind === "th" ? "col" : k === 0 ? "row" : "", className: k > 0 ? "n" : "" })));
+  const row = (cells, kind = "td") => MBS.element("tr", {}, ...cells.map((textContent, k) => k && kind === "td" ? MBS.element("td", { textContent, className: "n" })
+    : MBS.element("th", { textContent, scope: kind === "th" ? "col" : "row", className: k ? "n" : "" })));
   const fill = (plot) => {
     const own = plot.traces.filter(visible), points = own.some((t) => t.mode !== "lines");
     const table = document.createElement("table"), [x, y] = [axisTitle(plot.x), axisTitle(plot.y)];
@@ -254,7 +254,7 @@
     return b;
   };
   const toggle = (plot, which) => {
-    const b = button(`log ${which}`, `Logarithmic ${which} axis of ${plot.title}`, () => {
+    const b = button(`log ${which}`, `log ${which}: logarithmic ${which} axis of ${plot.title}`, () => {
       plot[which] = { ...plot[which], log: !plot[which].log };
       b.setAttribute("aria-pressed", Boolean(plot[which].log));
       render(plot);
@@ -313,9 +313,9 @@
     plot.table.addEventListener("toggle", () => { if (plot.table.open) { begin(plot); fill(plot); } });
     const tools = figure.querySelector(".tools");
     if (!plot.x.link) tools.append(toggle(plot, "x"));
-    tools.append(toggle(plot, "y"), button("reset", `Show all of ${plot.title}`, () => zoom(plot, null)),
-      button("SVG", `Save ${plot.title} as SVG`, () => { begin(plot); save(`${plot.name}.svg`, "image/svg+xml", svg(plot)); }),
-      button("CSV", `Save the numbers of ${plot.title} as CSV`, () => { begin(plot); save(`${plot.name}.csv`, "text/csv", csv(plot)); }));
+    tools.append(toggle(plot, "y"), button("reset", `reset: show all of ${plot.title}`, () => zoom(plot, null)),
+      button("SVG", `SVG: save ${plot.title}`, () => { begin(plot); save(`${plot.name}.svg`, "image/svg+xml", svg(plot)); }),
+      button("CSV", `CSV: save the numbers of ${plot.title}`, () => { begin(plot); save(`${plot.name}.csv`, "text/csv", csv(plot)); }));
     pointer(plot);
     plots.push(plot);
   }

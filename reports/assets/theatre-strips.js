@@ -152,7 +152,7 @@
     events(shown, top) {
       const { pen } = this;
       Object.assign(pen, { globalAlpha: 0.9, textAlign: "center" });
-      for (const m of this.play.marks) {
+      for (const m of this.play.players.flatMap((p) => p.marks)) {
         if (m.kind !== "event" || !shown[m.player] || m.t < this.from || m.t > this.from + this.span) continue;
         pen.fillStyle = this.play.players[m.player].colour;
         pen.fillText("◆", this.x(m.t), top + 2);

@@ -2,11 +2,38 @@
 (async () => {
   const T = MBS.theatre, root = document.querySelector("[data-theatre]"), name = root.dataset.theatre;
   const play = MBS[name] = await MBS.unpack(MBS[name]);
-  const find = (name) => root.querySelector(`[data-${name}]`);
+  const find = (name) => root.querySelector(`[data-${name}]`), asked = new URLSearchParams(location.hash.slice(1));
+
+  // runs that a visitor added: in the address, each from a file of its own, with a row like that of the first
+  const add = find("add"), added = (asked.get("add") || "").split(",").filter((id) => add && [...add.options].some((o) => id && o.value === id));
+  for (const id of added) {
+    await new Promise((onload, onerror) => document.head.append(MBS.element("script", { src: `data/${name}-${id}.js`, onload, onerror })));
+    const p = await MBS.unpack(MBS[`${name}-${id}`]), first = root.querySelector("[data-player]"), row = first.cloneNode(true);
+    p.marks.forEach((m) => { m.player = play.players.length; });
+    play.players.push(p);
+    const [show, solid] = row.querySelectorAll("input"), setting = row.querySelector(".setting"), line = setting.querySelector(".line");
+    Object.assign(show, { checked: true, ariaLabel: `Show ${p.solver}, ${p.settings}` });
+    Object.assign(solid, { checked: false, ariaLabel: `Draw ${p.solver}, ${p.settings} solid` });
+    Object.assign(line, { className: `line r${p.rank}` }).style.setProperty("--c", p.colour);
+    setting.replaceChildren(line, `${p.solver} `, MBS.element("a", { href: `runs/${p.run}.html` }, p.settings), MBS.element("small", {}, ` ${p.label}`));
+    row.cells[3].replaceChildren(p.status.replaceAll("_", " "), MBS.element("small", {}, p.because));
+    first.parentElement.append(row);
+    if (!root.querySelector(`[data-solver="${CSS.escape(p.solver)}"]`)) {
+      const chip = MBS.element("button", { type: "button", ariaPressed: true }, p.solver);
+      chip.dataset.solver = p.solver;
+      chip.style.setProperty("--c", p.colour);
+      root.querySelector(".legend").append(chip);
+    }
+  }
+  add?.addEventListener("change", () => {
+    asked.set("add", [...added, add.value].join());
+    asked.set("t", state.t);
+    location.hash = asked;
+    location.reload();
+  });
   const players = play.players, players_ = players.map((_, k) => k);
   const canvas = find("canvas"), labels = find("labels"), scrub = find("scrub"), note = find("note");
-  const MANY = 300, NARROW = 640, ROW = 120, LABEL = 22; // shapes that are much for a processor; [px] of a canvas and its cells
-  const asked = new URLSearchParams(location.hash.slice(1));
+  const NARROW = 640, ROW = 120, LABEL = 22; // [px] of a canvas and its cells
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   const state = { t: 0, playing: false, speed: 1, solid: 0, shown: players.map(() => true), trail: "short", together: players.length === 1 || asked.has("overlay") };
   state.solid = Math.max(players.findIndex((p) => p.run === asked.get("solid")), 0);
@@ -20,7 +47,7 @@
   const moved = () => { dirty = true; wake(); };
   const view = new T.View(canvas, play, moved);
   const driver = asked.has("flat") ? "" : T.webgl(), slow = T.slow(driver);
-  const flat = !driver || (slow && !asked.has("solid3d") && play.shapes.length * players.length > MANY);
+  const flat = !driver || (slow && !asked.has("solid3d"));
   const stage = flat ? new T.Flat(canvas, play, view) : new T.Solid(canvas, play, view, slow);
   document.querySelector("[data-flat]").hidden = !flat;
   const strips = new T.Strips(find("strips"), find("cursor"), play, (t) => { pause(); seek(t); });
@@ -152,7 +179,7 @@
   const faster = (by) => setSpeed(speeds[Math.min(Math.max(speeds.indexOf(state.speed) + by, 0), speeds.length - 1)]);
 
   // moments to jump to
-  const marks = [...play.marks].sort((a, b) => a.t - b.t);
+  const marks = players.flatMap((p) => p.marks).sort((a, b) => a.t - b.t);
   const words = (m) => `${MBS.number(m.t, 4)} s, ${players[m.player].solver} (${players[m.player].settings}): ${m.words}`;
   function say() {
     const near = marks.filter((m) => Math.abs(m.t - state.t) <= 1e-9 * play.t_end && state.shown[m.player]);

@@ -45,9 +45,9 @@ def stage(results: Results, roles: Sequence[Role], measure: Measure | None, look
     known = next((e for _, s, _ in found if (e := stored_exact(s)) is not None and len(e) > 1), None)
     whole = min(max(float(m.t[-1]) for _, _, m in found), WINDOW)
     t = np.linspace(0.0, whole, max(min(frames, COORDINATES // (4 * len(first.body))), 24))
-    lines = [_lines(m, player_of(role.run, s, stored(s)).poses, t, view) for role, s, m in found]
+    lines = [segments_at(m, player_of(role.run, s, stored(s)).poses, t, view) for role, s, m in found]
     until = 0.0 if known is None else float(known.t[-1])
-    exact = None if known is None else _lines(first, known, t[t <= until], view)
+    exact = None if known is None else segments_at(first, known, t[t <= until], view)
     ground = flat(first.ground, view)
     sound = np.concatenate([(lines[0] if exact is None else exact).reshape(-1, 2), ground])
     low, high = sound.min(axis=0), sound.max(axis=0)  # what flies apart may leave the picture
@@ -77,8 +77,8 @@ def moment(results: Results, run: Run, t: float) -> tuple[np.ndarray, np.ndarray
     view, at = view_of(mechanism), np.array([t])
     exact = stored_exact(series)
     known = exact is not None and len(exact) > 1 and float(exact.t[-1]) >= t
-    own = _lines(mechanism, player_of(run, series, stored(series)).poses, at, view)[0]
-    return own, _lines(mechanism, exact, at, view)[0] if known and exact else None, flat(mechanism.ground, view)
+    own = segments_at(mechanism, player_of(run, series, stored(series)).poses, at, view)[0]
+    return own, segments_at(mechanism, exact, at, view)[0] if known and exact else None, flat(mechanism.ground, view)
 
 
 def stored(series: Series) -> Poses:
@@ -86,7 +86,9 @@ def stored(series: Series) -> Poses:
     return finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
 
 
-def _lines(m: Mechanism, poses: Poses, t: Float[np.ndarray, " n"], view: np.ndarray) -> Float[np.ndarray, "n ns 2 2"]:
+def segments_at(
+    m: Mechanism, poses: Poses, t: Float[np.ndarray, " n"], view: np.ndarray
+) -> Float[np.ndarray, "n ns 2 2"]:
     """Both ends of every segment on paper; held where the poses end."""
     at = between(poses, t)
     R = Rotation.from_quat(at.q.reshape(-1, 4)).as_matrix().reshape(*at.q.shape[:2], 3, 3)

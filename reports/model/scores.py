@@ -34,6 +34,11 @@ class Score:
         return sum(getattr(self, name) for name in KINDS.values())
 
     @property
+    def began(self) -> int:
+        """Refusals left out: how many might have stopped."""
+        return self.runs - self.refused
+
+    @property
     def shares(self) -> list[tuple[str, int, float]]:
         """Kind, count and percent of all, for a bar."""
         return [(kind, n, 100.0 * n / self.runs) for kind, name in KINDS.items() if (n := getattr(self, name))]

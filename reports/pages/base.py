@@ -4,33 +4,28 @@ A module of a folder in ``reports/pages/`` that has a function ::
 
     def write(run: Run, site: Site) -> Page | None
 
-is found and called once; there is no list to edit (a module's ``RANK``, 0 without one, puts it later). It computes
-from the results (runs, variants, series) and their judgements (``judgement.judged``), then hands its page over ::
+is found and called once (``RANK`` of the module, 0 without one, puts it later). It computes from the results and their
+judgements (``judgement.judged``), then hands its page over; None when a run has nothing for it ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
 
-The template ``reports/templates/claims.html`` starts with ``{% extends "base.html" %}`` and fills ``{% block main %}``;
-it comes with a head, the navigation, the theme, and a footer that says where the numbers are from. Text is escaped.
-Pages are rendered after all modules have run, so each may ask whether another one exists. In templates:
+The template ``reports/templates/claims.html`` starts with ``{% extends "base.html" %}`` and fills ``{% block main %}``.
+Text is escaped. Pages are rendered after all modules have run, so each may ask whether another one exists. There are:
 
-- ``url(x)`` of a run, a variant, or a solver's name: its address from the top folder. ``{{ root }}`` before it leads
-  there ("" at the top, "../" in a subfolder). ``exists("theatre-chain.html")``; ``pages``: the navigation, in order.
-- ``{% import "marks.html" as marks with context %}``: ``marks.status(run)`` (symbol, word, colour: wrong ones loud),
-  ``marks.solver(name)`` (with its colour), ``marks.run(run)`` (a link with its settings and its mark),
-  ``marks.table(label, heads, class)`` called with a table's rows,
-  ``marks.plots_bar()`` (one legend and the switches for all plots of the page; put it before them),
-  ``marks.plot(p)`` for each ``p`` of ``plots`` (``Plot`` of reports/plots/spec.py) inside ``<div class="plots">``.
-- ``term(name, shown)``: a term of the glossary with its meaning as a tooltip.
-- ``num(value, show)``: a table's entry that sorts by its value; ``looks[solver].colour``; ``number``, ``whole``,
-  ``signed``, ``seconds``, ``time``, ``unit``, ``mark``, ``plural``, ``listed`` of reports/model/words.py.
+- ``url(x)`` of a run, a variant, or a solver's name: its address from the top folder, where ``{{ root }}`` leads.
+  ``exists("theatre-chain.html")``; ``pages``: the navigation, in order. A page that is ``about`` a variant's slug, a
+  solver or a run is linked from that one's page.
+- ``{% import "marks.html" as marks with context %}``: what every page shows alike, such as ``marks.status(run)``; plots
+  are ``marks.plot(p)`` for each of ``plots`` inside ``<div class="plots">``, behind ``marks.plots_bar()``.
+- ``term(name, shown)``: a term of the glossary; ``num(value, show)``: a table's entry that sorts by its value;
+  ``looks[solver].colour``; the functions of reports/model/words.py.
 
 ``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``; NaN becomes null.
 ``site.bundle(name, value)`` writes the same deflated, for ``await MBS.unpack(MBS[name])``; there an array of numpy is
-what ``MBS.numbers(x)`` makes a list of. Scripts are classic, deferred and in the order
-given: from a disk neither modules nor ``fetch`` work. ``MBS.onTheme(f)`` calls f when light and dark change;
-``MBS.colour("--ink")`` is a colour of the theme. Assets of ``reports/assets/`` are all copied. A page that is ``about``
-a variant's slug, a solver or a run is linked from that one's page. Return None when a run has nothing for the page.
+what ``MBS.numbers(x)`` makes a list of. Scripts are classic, deferred and in the order given: from a disk neither
+modules nor ``fetch`` work. ``MBS.onTheme(f)`` calls f when light and dark change; ``MBS.colour("--ink")`` is a colour
+of the theme. Assets of ``reports/assets/`` are all copied.
 """
 
 import importlib
@@ -38,6 +33,7 @@ import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from inspect import isfunction
 from pathlib import Path
 from typing import Any
 
@@ -61,18 +57,6 @@ SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
 ASSETS = FOLDER / "assets"
 PLOTTING = ("assets/plots.js",)
-SPEAKING = [
-    "number",
-    "decade",
-    "whole",
-    "signed",
-    "seconds",
-    "time",
-    "unit",
-    "mark",
-    "plural",
-    "listed",
-]  # of model/words.py
 
 
 def copy_assets(folder: Place, names: Sequence[str]) -> None:
@@ -184,7 +168,7 @@ class Site:
                                   undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
         slugs = {p.title: p.slug for p in self.results.variants}
         related = grouped(self.pages(), lambda p: p.about)
-        environment.globals.update({k: getattr(words, k) for k in SPEAKING})
+        environment.globals.update({k: f for k, f in vars(words).items() if isfunction(f)})
         environment.globals.update(
             results=self.results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
             run_title=self.results.environment.get("results_folder") or self.results.folder.name,

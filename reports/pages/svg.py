@@ -1,7 +1,7 @@
 """Small drawings inside a page, as SVG that takes its colours from the page: number lines, sparklines, zooms."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -147,15 +147,7 @@ def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Se
            names: Sequence[tuple[str, np.ndarray]], words: str) -> Markup:  # fmt: skip
     """A mechanism on paper (x right, y up, any unit): bodies, joints, supports, arrows of unit length, names."""
     width, height, room = 420, 300, 46.0
-    seen = np.concatenate([lines.reshape(-1, 2), ground.reshape(-1, 2)])
-    low, size = seen.min(axis=0), np.ptp(seen, axis=0)
-    scale = min((width - 2 * room) / max(size[0], 1e-9), (height - 2 * room) / max(size[1], 1e-9))
-    shift = np.array([width - scale * size[0], height - scale * size[1]]) / 2.0
-
-    def at(p: np.ndarray) -> tuple[float, float]:
-        x, y = shift + scale * (p - low)
-        return float(x), float(height - y)
-
+    at = _fitted(np.concatenate([lines.reshape(-1, 2), ground.reshape(-1, 2)]), width, height, room)
     parts = [_line("body", a[0], b[0], a[1], b[1]) for a, b in ((at(p), at(q)) for p, q in lines)]
     parts += [_tag("circle", "joint", cx=x, cy=y, r=3.0) for x, y in map(at, joints)]
     parts += [_tag("path", "support", d=f"M{x:.1f} {y:.1f}l-8 -13h16z") for x, y in map(at, ground)]
@@ -179,13 +171,10 @@ def snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, wo
     low, high = seen.min(axis=0), seen.max(axis=0)
     wide = 0.5 * float(np.max(high - low)) or 1.0
     own = np.clip(lines.reshape(-1, 2), low - wide, high + wide)  # what flies apart stays near
-    low, high = np.minimum(low, own.min(axis=0)), np.maximum(high, own.max(axis=0))
-    scale = min((width - 2 * room) / max(high[0] - low[0], 1e-9), (height - 2 * room) / max(high[1] - low[1], 1e-9))
-    shift = np.array([width, height]) / 2.0 - scale * (low + high) / 2.0
+    at = _fitted(np.concatenate([seen, own]), width, height, room)
 
     def path(kind: str, pairs: np.ndarray) -> Markup:
-        at = shift + scale * pairs
-        ends = "".join(f"M{a[0]:.0f} {height - a[1]:.0f}L{b[0]:.0f} {height - b[1]:.0f}" for a, b in at)
+        ends = "".join(f"M{a:.0f} {b:.0f}L{c:.0f} {d:.0f}" for (a, b), (c, d) in at(pairs))
         return _tag("path", kind, d=ends)
 
     parts = [path("exact", exact)] if exact is not None else []
@@ -206,6 +195,13 @@ def ticks_on(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str
             parts.append(_text("tick", start, y - 11.0, name))
             taken = start + wide + 8.0
     return _drawing("follow", 400, 36, words, parts)
+
+
+def _fitted(seen: np.ndarray, width: float, height: float, room: float) -> Callable[[np.ndarray], np.ndarray]:
+    """From points on paper (y up) to pixels (y down): all of ``seen`` in the middle, as large as ``room`` allows."""
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    scale = float(np.min((np.array([width, height]) - 2.0 * room) / np.maximum(high - low, 1e-9)))
+    return lambda p: np.array([width, height]) / 2.0 + scale * (p - (low + high) / 2.0) * [1.0, -1.0]
 
 
 def _beside(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:

@@ -195,12 +195,11 @@ def _reference_region(points: Sequence[Point], work: str) -> list[Trace]:
 
 def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> list[Trace]:
     """Runs of one method at several steps, coarsest first; those that stopped early apart from the line."""
-    ladders = sorted(points, key=lambda p: (p.method, p.label, -p.size))
-    methods = grouped(ladders, lambda p: (p.method, p.label))
+    methods = grouped(sorted(points, key=lambda p: (p.method, -p.size)), lambda p: p.method)
     out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()
     ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))  # the main ones are solid
-    for (method, label), own in ordered:
-        solver = own[0].solver
+    for method, own in ordered:
+        solver, label = own[0].solver, _label(own)
         if folded and not own[0].default and len(own) < LADDER:
             loose.setdefault((solver, label), []).extend(own)
             continue
@@ -223,10 +222,15 @@ def _trace(name: str, own: Sequence[Point], work: str, error: str, folded: bool,
     return Trace(
         name, _numbers(own, "works", work), _numbers(own, "errors", error), solver=own[0].solver, mode=mode, dash=dash,
         left=np.array(left) if any(spread) else None, right=np.array(right) if any(spread) else None,
-        group=own[0].label, main=not folded or any(p.default or p.best for p in own),
+        group=_label(own), main=not folded or any(p.default or p.best for p in own),
         ends=[end_of(p.status) for p in own], urls=[p.page for p in own],
         words=[point_words(p, whole=not ladder) for p in own],
     )  # fmt: skip
+
+
+def _label(own: Sequence[Point]) -> str:
+    """The label of all; none where a ladder has several."""
+    return own[0].label if len({p.label for p in own}) == 1 else ""
 
 
 def _best(points: Sequence[Point], work: str, error: str) -> list[Trace]:

@@ -9,6 +9,7 @@ tab.evaluate("document.title"); tab.ink("[data-plot=energy]"); tab.screenshot("p
 import base64
 import contextlib
 import io
+import itertools
 import json
 import os
 import select
@@ -24,6 +25,7 @@ from typing import Any, Self
 import numpy as np
 from PIL import Image
 
+AXE = Path(__file__).parents[2] / ".venv" / "axe" / "package" / "axe.min.js"
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next((p for n in (os.environ.get("CHROMIUM", ""), *NAMES) if n and (p := shutil.which(n))), None)
 FLAGS = (
@@ -75,6 +77,10 @@ LOW = """
 [...document.querySelectorAll("nav a, button, select, input, summary, .button, .heat td > a")]
   .filter((e) => e.getClientRects().length && e.getBoundingClientRect().height < 24)
   .map((e) => `${e.tagName}.${e.className} ${e.getBoundingClientRect().height}`)
+"""
+VIOLATIONS = """
+axe.run(document, {resultTypes: ["violations"]}).then((r) => r.violations.flatMap((v) => v.nodes.map((n) =>
+  `${v.id} ${n.target}: ${n.failureSummary.split("\\n").slice(1).join(" ")}`)))
 """
 SETTLED = "new Promise(f => requestAnimationFrame(() => requestAnimationFrame(() => f(true))))"
 
@@ -178,12 +184,27 @@ class Tab:
         """Load ``page`` as a device of that width sees it."""
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
+        self.look(width, height, dark)
+        self.goto(page)
+
+    def look(self, width: int, height: int, dark: bool) -> None:
+        """Become a device of that size, in light or dark."""
         self.call(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
         )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
-        self.goto(page)
+
+    def violations(self) -> list[str]:
+        """What axe-core finds, light and dark, on a desktop and a phone, with all that is folded opened."""
+        self.evaluate(f"{OPEN}; {AXE.read_text(encoding='utf-8')}; 0")
+        found = []
+        for width, dark in itertools.product((1280, 390), (False, True)):
+            self.look(width, 900, dark)
+            self.evaluate(SETTLED)
+            where = f"{width} px{', dark' if dark else ''}"
+            found += [f"{where}: {one}" for one in self.evaluate(VIOLATIONS)]
+        return found
 
     def goto(self, page: Path | str) -> None:
         """Another page in the same tab; ``opened_s`` is the wall time until it was loaded and drawn."""

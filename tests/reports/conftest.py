@@ -15,7 +15,7 @@ from mbsbench.harness.results.series import Series, write_series
 from mbsbench.harness.types import Law, Reason
 from mbsbench.reports import site
 
-from .browser import CHROMIUM, Browser
+from .browser import AXE, CHROMIUM, Browser
 
 HOSTILE = '<script>alert("1")</script> & $x_{ \\frac -->'
 
@@ -129,10 +129,30 @@ def built(tmp_path_factory) -> tuple[Path, list[RunRecord], str]:
 def browser():
     """One headless Chromium for all tests of a process."""
     if CHROMIUM is None:
-        absent = "no Chromium on this machine: `make browser`, or set CHROMIUM"
-        pytest.fail(absent) if os.environ.get("CI") else pytest.skip(absent)
+        absent("no Chromium on this machine: `make browser`, or set CHROMIUM")
     with Browser() as running:
         yield running
+
+
+@pytest.fixture
+def axe(browser):
+    """Asks axe-core about a page."""
+    if not AXE.is_file():
+        absent("no axe-core: `make browser`")
+
+    def violations(page: Path) -> list[str]:
+        tab = browser.open(page)
+        try:
+            return tab.violations()
+        finally:
+            tab.close()
+
+    return violations
+
+
+def absent(why: str) -> None:
+    """What a browser's test cannot do without is missing: a failure where CI is set."""
+    pytest.fail(why) if os.environ.get("CI") else pytest.skip(why)
 
 
 @pytest.fixture

@@ -57,13 +57,20 @@ def cost(table: pd.DataFrame, problem: str, solver: str, target: float) -> float
     return float(np.exp(np.interp(-math.log(target), -np.log(errors), np.log(cpu))))
 
 
+@pytest.fixture
+def tab(built, browser):
+    """The first page, once its scripts have run."""
+    tab = browser.open(built[0])
+    tab.until("window.MBS && MBS.first")
+    yield tab
+    tab.close()
+
+
 @pytest.mark.browser
 @pytest.mark.parametrize("problem", range(2))
-def test_the_race_is_that_of_the_table(built, browser, problem):
+def test_the_race_is_that_of_the_table(built, tab, problem):
     """At every error of the slider: who gets there, in which order, at what CPU time and ratio; the others and why."""
-    page, table = built
-    tab = browser.open(page)
-    tab.until("window.MBS && MBS.first")
+    _, table = built
     name = tab.evaluate(f"(MBS.first.choose({problem}), MBS.first.data.costs[{problem}].slug)")
     rows = """[...document.querySelectorAll('[data-bars] li')].map((e) => [e.dataset.solver,
         e.querySelector('span').textContent, e.className.includes('missed')])"""
@@ -79,15 +86,12 @@ def test_the_race_is_that_of_the_table(built, browser, problem):
         command = tab.evaluate("document.querySelector('[data-command]').textContent")
         assert command == f"mbsbench advise {name} --error {target:.0e}".replace("e-0", "e-")
     assert tab.faults == [] and tab.requests == []
-    tab.close()
 
 
 @pytest.mark.browser
-def test_the_heat_map_at_equal_error_and_at_equal_cost(built, browser):
+def test_the_heat_map_at_equal_error_and_at_equal_cost(built, tab):
     """Ratios of the race; the smallest error within ten times the cheapest."""
-    page, table = built
-    tab = browser.open(page)
-    tab.until("window.MBS && MBS.first")
+    _, table = built
     target = tab.evaluate("MBS.first.data.costs[MBS.first.state.race].targets[MBS.first.state.target]")
     cells = """Object.fromEntries([...document.querySelectorAll('.heat tbody tr')].map((r) => [r.dataset.solver,
         [...r.cells].slice(1, 3).map((c) => c.textContent)]))"""
@@ -110,15 +114,12 @@ def test_the_heat_map_at_equal_error_and_at_equal_cost(built, browser):
     assert reached and int(reached[2]) == 8
     tab.evaluate("document.querySelector('[data-mode=limit]').click()")
     assert "stay" in tab.evaluate("document.querySelector('[data-heat-title]').textContent")
-    tab.close()
 
 
 @pytest.mark.browser
-def test_a_cell_opens_a_drawer_and_a_column_sorts(built, browser):
+def test_a_cell_opens_a_drawer_and_a_column_sorts(built, tab):
     """No page change; the drawer has the cell's run, its command and its energy; empty cells stay last."""
-    page, table = built
-    tab = browser.open(page)
-    tab.until("window.MBS && MBS.first")
+    _, table = built
     cell = "document.querySelector('.heat tr[data-solver=alpha] td a')"
     tab.evaluate(f"{cell}.click()")
     drawer = tab.evaluate("document.querySelector('[data-drawer]').textContent")
@@ -133,14 +134,11 @@ def test_a_cell_opens_a_drawer_and_a_column_sorts(built, browser):
     order = tab.evaluate("[...document.querySelectorAll('.heat tbody tr')].map((r) => r.cells[1].dataset.v)")
     values = [float(v) for v in order if v]
     assert values == sorted(values) and all(not v for v in order[len(values) :])
-    tab.close()
 
 
 @pytest.mark.browser
-def test_the_counter_is_the_error_of_the_series(built, browser):
+def test_the_counter_is_the_error_of_the_series(tab):
     """Metres off at the time of the clock, for each run on the stage, and what each claims."""
-    page, _ = built
-    tab = browser.open(page)
     tab.until("window.MBS.onStage && MBS.onStage.play()")
     tab.evaluate("MBS.onStage.seek(1.0)")
     said = tab.evaluate("""[...document.querySelectorAll('[data-cast] li')].map((e) =>
@@ -151,7 +149,6 @@ def test_the_counter_is_the_error_of_the_series(built, browser):
         value, unit = re.match(r"off by ([\d.]+) (mm|m)", off).groups()
         assert float(value) * {"mm": 1e-3, "m": 1.0}[unit] == pytest.approx(expected, rel=0.05)
     assert said[-1][0] == "delta" and said[-1][2] == "wrong" and {s for s, _, _ in said} == {"alpha", "beta", "delta"}
-    tab.close()
 
 
 def test_sentences_and_cards_have_the_numbers_of_the_table(built):

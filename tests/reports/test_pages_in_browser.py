@@ -4,6 +4,7 @@ import json
 import re
 import time
 
+import numpy as np
 import pytest
 
 from .browser import LOW, OPEN, OVERFLOW, PALE, SMALL
@@ -33,6 +34,27 @@ def test_page_loads_fits_and_can_be_read(report, browser, name, width, dark):
     assert tab.evaluate(OVERFLOW) == 0 and tab.evaluate("innerWidth") == width
     assert tab.evaluate(PALE) == []
     assert tab.faults == [] and tab.requests == []
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_axe_finds_no_violation(report, axe, name):
+    """Light and dark, on a desktop and a phone, with all that is folded opened."""
+    assert axe(report / name) == []
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_a_slider_stands_out(report, browser, dark):
+    """Its track and its knob, which axe-core does not look at: 3 to 1 against what is behind (WCAG 1.4.11)."""
+    tab = browser.open(report / "index.html", dark=dark)
+    tab.evaluate("document.body.append(MBS.element('input', { type: 'range', id: 'slider', value: 50 }))")
+    pixels = tab.screenshot(selector="#slider") / 255.0
+    linear = np.where(pixels <= 0.04045, pixels / 12.92, ((pixels + 0.055) / 1.055) ** 2.4)
+    light = linear @ [0.2126, 0.7152, 0.0722]
+    middle, ground = light[light.shape[0] // 2], light[1, 1]
+    for place in (0.2, 0.5, 0.8):
+        both = sorted((middle[int(place * len(middle))], ground))
+        assert (both[1] + 0.05) / (both[0] + 0.05) >= 3.0, place
+    tab.close()
 
 
 @pytest.mark.parametrize("name", PAGES[:7])

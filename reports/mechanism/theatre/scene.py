@@ -19,6 +19,8 @@ from .strips import EVENTS, SPANS, Strip, known, marks_of, strips_of
 POSE_BYTES = 4_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four
 MOST_POSES = 2000  # as many as are stored
+ADDED_POSES = 400  # of a run that a visitor adds
+MOST_ADDED = 24  # runs that a visitor may add to a stage
 VIEWS = 60  # poses from which the camera's box is taken
 FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
 LONG = 3000  # [rows] of a series that needs the finer strips
@@ -36,20 +38,26 @@ class Player:
     unknown: tuple[tuple[float, float], ...] = ()  # [s] spans between stored poses in which nothing is drawn
 
 
-def players(results: Results, variant: Variant) -> tuple[list[Player], tuple[Run, ...]]:
-    """The cast with its motion, and the runs left out."""
+def players(results: Results, variant: Variant) -> tuple[list[Player], list[Player], tuple[Run, ...]]:
+    """The cast with its motion, runs that a visitor may add, failures first, and the runs left out of the cast."""
     chosen, left_out = cast(variant, [c.record.run_id for c in variant.runs if c.record.series])
-    found: list[Player] = []
-    for run in chosen:
+    found = _with_motion(results, chosen)
+    absent = tuple(c for c in chosen if all(c is not p.run for p in found))
+    more = sorted((c for c in left_out if c.record.series), key=lambda c: c.succeeded)
+    return found, _with_motion(results, more[:MOST_ADDED], found[:1]), (*left_out, *absent)
+
+
+def _with_motion(results: Results, runs: Sequence[Run], alike: Sequence[Player] = ()) -> list[Player]:
+    """Those that kept poses, of as many bodies as the first."""
+    found = list(alike)
+    for run in runs:
         series = results.series(run)
         if series is not None and all(k in series for k in ("t", "frame_t", "frame_r", "frame_q")):
             poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
             same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
             if len(poses) and len(series["t"]) and same:
                 found.append(player_of(run, series, poses))
-                continue
-        left_out = (*left_out, run)
-    return found, left_out
+    return found[len(alike) :]
 
 
 def player_of(run: Run, series: Series, poses: Poses) -> Player:
@@ -69,9 +77,10 @@ def stored_exact(series: Series) -> Poses | None:
 
 
 def scene(
-    variant: Variant, cast_: Sequence[Player], looks: Mapping[str, Look], pose_bytes: float = POSE_BYTES
-) -> dict[str, Any]:
-    """The data of a page; ``looks`` is colour by solver."""
+    variant: Variant, cast_: Sequence[Player], looks: Mapping[str, Look], pose_bytes: float = POSE_BYTES,
+    more: Sequence[Player] = (),
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:  # fmt: skip
+    """The data of a page, and that of runs which a visitor may add; ``looks`` is colour by solver."""
     lead = cast_[0]
     record, bodies = lead.run.record, lead.poses.r.shape[1]
     scale = record.length_scale_m if record.length_scale_m > 0.0 else 1.0
@@ -88,18 +97,23 @@ def scene(
     long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
     spans = SPANS if long else SPANS // 3
     at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
-    ranked = by_solver(p.run for p in cast_).values()  # from a solver's second on: thinner, other dashes
+    ranked = by_solver(p.run for p in (*cast_, *more)).values()  # from a solver's second on: thinner, other dashes
     rank = {run.record.run_id: k for own in ranked for k, run in enumerate(own)}
-    return {
+
+    def packed(k: int, p: Player, most: int) -> dict[str, Any]:
+        own = _player(p, box, body, most, (t_end, spans), looks, rank, kinds)
+        return {**own, "marks": marks_of(p.series, p.run, k)}
+
+    play = {
         "title": variant.title, "t_end": t_end, "bodies": bodies, "scale": scale,
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
         "ground": ground.tolist(), "shapes": shapes, "trail": _trail(lead, shapes), "spans": spans, "strips": kinds,
         "exact": _exact(exact_of(cast_), box, body),
-        "players": [_player(p, box, body, at_most, (t_end, spans), looks, rank, kinds) for p in cast_],
-        "marks": [m for k, p in enumerate(cast_) for m in marks_of(p.series, p.run, k)],
+        "players": [packed(k, p, at_most) for k, p in enumerate(cast_)],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
     }  # fmt: skip
+    return play, [packed(len(cast_), p, min(at_most, ADDED_POSES)) for p in more]
 
 
 def exact_of(cast_: Sequence[Player]) -> Poses | None:

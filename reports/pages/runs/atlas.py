@@ -10,6 +10,7 @@ from ....harness.results.records import reasons_of
 from ....harness.results.series import Series
 from ....harness.results.words import law_of
 from ...model.results import Results, Run, by_solver, grouped
+from ...model.scores import Score, score
 from ...model.words import plural
 from ...plots.palette import Look
 from ..base import Page, Site
@@ -21,29 +22,11 @@ LISTED = 40  # runs named beside the one that is worked out; the pages of solver
 SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("phi_norm", "|φ|", "m"))
 
 
-@dataclass(frozen=True)
-class Survival:
-    """Of one solver. Refusals are no part of it; wrong runs survive, and are counted apart."""
-
-    solver: str
-    total: int  # runs that began
-    refused: int
-    stopped: int
-    wrong: int
-    least: float  # part of the simulated time at which the first of them stopped; 1 if none did
-
-    @property
-    def reached(self) -> int:
-        return self.total - self.stopped
-
-    @property
-    def good(self) -> int:
-        return self.reached - self.wrong
-
-
-def survival(runs: Sequence[Run]) -> tuple[Survival, ...]:
-    """One a solver, by name."""
-    return tuple(_of(solver, own) for solver, own in sorted(by_solver(runs).items()))
+def survival(runs: Sequence[Run]) -> dict[str, tuple[Score, float]]:
+    """By solver: how its runs ended, and the part of the time at which the first of them stopped; 1 if none did."""
+    ended = {name: [c for c in own if not c.unfinished] for name, own in sorted(by_solver(runs).items())}
+    return {name: (score(own), min((part_reached(c) for c in own if c.stopped), default=1.0))
+            for name, own in ended.items()}  # fmt: skip
 
 
 def part_reached(run: Run) -> float:
@@ -52,14 +35,6 @@ def part_reached(run: Run) -> float:
     if not (r.t_end_s > 0.0 and math.isfinite(r.t_reached_s)):
         return 0.0
     return min(max(r.t_reached_s / r.t_end_s, 0.0), 1.0)
-
-
-def _of(solver: str, runs: Sequence[Run]) -> Survival:
-    ended = [c for c in runs if not c.unfinished]
-    began = [c for c in ended if c.status != "refused"]
-    stops = [part_reached(c) for c in began if c.stopped]
-    wrong = sum(c.status == "wrong" for c in began)
-    return Survival(solver, len(began), len(ended) - len(began), len(stops), wrong, min(stops, default=1.0))
 
 
 @dataclass(frozen=True)
@@ -146,20 +121,20 @@ def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
     return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
 
-def title(found: Sequence[Survival]) -> str:
+def title(all_of: Score) -> str:
     """How many stopped, and how many claim success without reason."""
-    total, stopped, wrong = (sum(getattr(s, k) for s in found) for k in ("total", "stopped", "wrong"))
+    wrong = all_of.wrong
     say = "says success and is" if wrong == 1 else "say success and are"
-    return f"{stopped} of {plural(total, 'run')} stopped, {wrong} {say} wrong"
+    return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {say} wrong"
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``atlas.html``."""
-    found, counts = groups(results, site.looks), survival(results.runs)
+    found = groups(results, site.looks)
     stopped = [c for c in results.runs if c.stopped and not c.unfinished]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
-        groups=found, title=title(counts), survival=counts, broken=broken(results.runs),
+        groups=found, title=title(score(results.runs)), survival=survival(results.runs), broken=broken(results.runs),
         refused=families_of([c for c in results.runs if c.status == "refused"]),
         part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),
         stopped_problems=sorted({c.record.problem for c in stopped}),

@@ -1,6 +1,7 @@
 """The first page in six bands: the race over the moving mechanism, cost, heat map, false successes, claims, doors."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from ....harness.results.reproduce import write_command
@@ -31,10 +32,10 @@ def write(results: Results, site: Site) -> Page | None:
     label, picture = broadest(results), heat(results)
     found = broad(results, site.frontiers)
     races = costs(results, found, site.url)
-    stages = [site.scenes[p.title] for p in one_a_problem(picture) if p.title in site.scenes]
+    stages = [site.scenes[p.title] for p in one_a_problem(picture, label) if p.title in site.scenes]
     on = stages[0] if stages else {}
-    near = [k for key in ("slug", "problem") for k, r in enumerate(races) if r[key] == on.get(key)]
-    first = near[0] if near else 0
+    near = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]  # of them the one with most points
+    first = max(near, key=lambda k: sum(len(s["points"]) for s in races[k]["solvers"].values()), default=0)
     target = default_target(races[first]) if races else 0
     data = {"costs": races, "stages": stages, "cells": _cells(results, site, picture), "first": first, "target": target,
             "colours": {s: k.colour for s, k in site.looks.items()}}  # fmt: skip
@@ -102,13 +103,14 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
 
 
 def _panels(site: Site) -> list[Plot]:
-    """Error over CPU time: of each problem the variant with most points, then other variants."""
+    """Error over CPU time: of each problem the variant with most points, then other variants; no rings around these."""
     problems = {p.title: p.problem for p in site.results.variants}
     ordered = sorted(site.work.items(), key=lambda kv: -_points(kv[1]))
     seen: dict[str, str] = {}
     for title, _ in ordered:
         seen.setdefault(problems.get(title, title), title)
-    return [plot for title, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
+    plots = [plot for title, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
+    return [replace(plot, traces=[t for t in plot.traces if not t.hollow]) for plot in plots]
 
 
 def _points(plot: Plot) -> int:

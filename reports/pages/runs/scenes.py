@@ -16,16 +16,18 @@ PAPER = "ODE-GC"  # the paper's method; what is added to it has a longer label
 SMALL = 60  # pictures of a miniature
 
 
-def one_a_problem(picture: Heat | None) -> list[Variant]:
+def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
     """Of each problem of the heat map the variant with a wrong run, else with most runs; the most telling first."""
+
+    def telling(variant: Variant) -> tuple[int, int, int]:
+        """How many solvers are wrong on it in the plain comparison, and in all; how many runs it has."""
+        wrong = [c for c in variant.runs if c.status == "wrong"]
+        plain = {c.record.solver for c in wrong if c.record.label == label}
+        return len(plain), len({c.record.solver for c in wrong}), len(variant.runs)
+
     found = grouped(picture.problems if picture else (), lambda p: p.problem)
-    best = [max(own, key=_telling) for own in found.values()]
-    return sorted(best, key=_telling, reverse=True)[:MINIATURES]
-
-
-def _telling(variant: Variant) -> tuple[int, int]:
-    """How many solvers are wrong on it; how many runs it has."""
-    return len({c.record.solver for c in variant.runs if c.status == "wrong"}), len(variant.runs)
+    best = [max(own, key=telling) for own in found.values()]
+    return sorted(best, key=telling, reverse=True)[:MINIATURES]
 
 
 def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:

@@ -58,6 +58,7 @@ class Stage:
     play: Mapping[str, Any]
     players: tuple[Run, ...]
     left_out: tuple[Run, ...]
+    addable: tuple[Run, ...]  # of them: each has a file of its own
 
     @property
     def pose_bytes(self) -> float:
@@ -67,13 +68,16 @@ class Stage:
 
 
 def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) -> Stage | None:
-    cast, left_out = players(results, variant)
+    cast, more, left_out = players(results, variant)
     if not cast:
         return None
-    play = scene(variant, cast, site.looks, pose_bytes)
+    play, added = scene(variant, cast, site.looks, pose_bytes, more)
     name = f"theatre-{variant.slug}"
+    for player in added:
+        site.bundle(f"{name}-{player['run']}", player)
     path = site.bundle(name, play)
-    return Stage(variant, name, path, (site.folder / path).size(), play, tuple(p.run for p in cast), left_out)
+    runs, addable = (tuple(p.run for p in own) for own in (cast, more))
+    return Stage(variant, name, path, (site.folder / path).size(), play, runs, left_out, addable)
 
 
 def fair(sizes: Sequence[int], whole: float) -> float:

@@ -72,10 +72,10 @@ def test_survival_counts_every_run_once():
     runs = [Run(record(f"w{k}", status="wrong")) for k in range(3)] + [Run(record(f"s{k}")) for k in range(4)]
     runs += [Run(record("d1", status="diverged", t_reached_s=0.5)), Run(record("r1", status="refused"))]
     runs += [Run(record("d2", status="crashed", t_reached_s=math.nan))]
-    (found,) = survival(runs)
-    assert (found.total, found.refused, found.stopped, found.wrong, found.reached, found.good) == (9, 1, 2, 3, 7, 4)
-    assert found.least == 0.0
-    assert title([found]) == "2 of 9 runs stopped, 3 say success and are wrong"
+    ((found, least),) = survival(runs).values()
+    assert (found.began, found.refused, found.stopped, found.wrong, found.succeeded) == (9, 1, 2, 3, 4)
+    assert least == 0.0
+    assert title(found) == "2 of 9 runs stopped, 3 say success and are wrong"
 
 
 def test_wrong_ones_are_grouped_by_the_law_they_break():

@@ -34,6 +34,12 @@ def test_pages_load_without_a_fault_and_fit(browser, folder, width, dark):
             assert (tab.evaluate(SMALL), tab.evaluate(LOW)) == ([], []), name
 
 
+@pytest.mark.parametrize("name", PAGES)
+def test_axe_finds_no_violation(axe, folder, name):
+    """Also where judgements are shown."""
+    assert axe(folder / name) == []
+
+
 def test_all_published_claims_fit_a_phone_and_are_searched(browser, tmp_path):
     """Folded they are less than ten screens; words find a claim, a link opens it."""
     put(tmp_path, record("aa01"), series(40))

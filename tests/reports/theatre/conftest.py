@@ -1,13 +1,14 @@
 """A run with poses made by hand: two bars on hinges, a top, a body held at its centre, one that flies apart."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mbsbench.harness.places import Place
 from mbsbench.harness.results.series import Series
-from mbsbench.reports.model.results import read_results
+from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.pages.base import FOLDER, Site
 from mbsbench.reports.pages.runs import theatre as page
 
@@ -79,9 +80,15 @@ def staged(tmp_path_factory):
     put(folder, record("b1", HOSTILE, problem=HOSTILE), held(20.0, (0.0, 0.0, -0.1)))
     put(folder, record("c1", problem="lonely", status="refused"))
     results = read_results(folder)
-    site = Site(results, Place(folder) / "report")
-    shutil.copytree(FOLDER / "assets", folder / "report" / "assets")
-    (folder / "report" / "data").mkdir()
+    return results, staged_pages(results)
+
+
+def staged_pages(results: Results) -> Path:
+    """The folder of the theatres of these results."""
+    folder = results.folder / "report"
+    site = Site(results, Place(folder))
+    shutil.copytree(FOLDER / "assets", folder / "assets")
+    (folder / "data").mkdir()
     page.write(results, site)
     site.finish()
-    return results, folder / "report"
+    return folder

@@ -61,8 +61,8 @@ def test_the_page_holds_the_motion_of_a_long_step(tmp_path):
     motion.arrays.update(exact)
     put(tmp_path, record("aa01", t_end_s=T_END), motion)
     (variant,) = (results := read_results(tmp_path)).variants
-    cast, _ = players(results, variant)
-    (player,) = scene(variant, cast, {"alpha": type("Look", (), {"colour": "#123456"})})["players"]
+    cast, _, _ = players(results, variant)
+    (player,) = scene(variant, cast, {"alpha": type("Look", (), {"colour": "#123456"})})[0]["players"]
     rows = np.asarray(player["poses"]).reshape(7, player["frames"]).T - 32767
     q = rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
     drawn = between(Poses(player["t"], np.zeros((len(q), 1, 3)), q[:, None]), exact["exact_t"])

@@ -71,8 +71,8 @@ def test_a_scene_holds_the_plane_the_farthest_end_and_the_sound_motions(staged):
     """A player that flies apart must not make the others a dot."""
     results, _ = staged
     variant = next(p for p in results.variants if p.problem == "pendulum")
-    cast, left_out = players(results, variant)
-    play = scene(variant, cast, {c.record.solver: _Look for c in variant.runs})
+    cast, _, left_out = players(results, variant)
+    play, _ = scene(variant, cast, {c.record.solver: _Look for c in variant.runs})
     assert np.allclose(np.abs(play["normal"]), [0.0, 0.0, 1.0], atol=1e-6)
     assert play["trail"] == {"body": 1, "at": [0.5, 0.0, 0.0]}
     assert np.all(np.abs(play["low"]) < 3.0) and np.all(np.abs(play["high"]) < 3.0)

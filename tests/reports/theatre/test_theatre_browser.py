@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses, between, enough
+from mbsbench.reports.model.results import read_results
 
 from ..browser import LOW, SMALL
+from ..conftest import put, record
+from .conftest import staged_pages, two_bars
 
 pytestmark = pytest.mark.browser
 READY = "document.querySelector('[data-theatre]').dataset.ready"
@@ -31,7 +34,7 @@ def faults(tab) -> list[str]:
 
 @pytest.mark.parametrize(("width", "dark", "flat"), [(1280, False, False), (390, True, False), (390, False, True)])
 def test_it_draws_without_network_or_complaint(open_, width, dark, flat):
-    tab = open_("t=0.4&flat" if flat else "t=0.4", width=width, dark=dark)
+    tab = open_("t=0.4&flat" if flat else "t=0.4&solid3d", width=width, dark=dark)
     assert tab.evaluate(READY) == ("flat" if flat else "solid")
     assert tab.ink("[data-canvas]", far=30) > 0.004  # bars are thin
     assert tab.ink("[data-strips]", far=30) > 0.01
@@ -41,7 +44,12 @@ def test_it_draws_without_network_or_complaint(open_, width, dark, flat):
     assert faults(tab) == [] and tab.requests == []
 
 
-@pytest.mark.parametrize("at", ["t=0.4", "t=0.4&overlay"])
+def test_axe_finds_no_violation(axe, staged):
+    """Light and dark, on a desktop and a phone."""
+    assert axe(f"{staged[1] / 'theatre-pendulum.html'}#t=0.4") == []
+
+
+@pytest.mark.parametrize("at", ["t=0.4&solid3d", "t=0.4&solid3d&overlay"])
 def test_draw_calls_do_not_grow_with_bodies(open_, at):
     """Instances: a mesh a player and kind of shape, the exact bars, and in each cell ground, supports and trails."""
     tab = open_(at)
@@ -51,7 +59,40 @@ def test_draw_calls_do_not_grow_with_bodies(open_, at):
     assert 0 < tab.evaluate(f"{STATS}.calls") <= players * (kinds + 1) + cells * (1 + 2 + 1)
 
 
-@pytest.mark.parametrize("flat", ["", "&flat"], ids=["3-D", "lines"])
+def test_a_processor_draws_lines_in_few_strokes(open_):
+    """Pixels in 3-D cost it 18 ms a frame, these strokes 2: shapes of a kind are one path, however many."""
+    tab = open_("t=0.4")
+    assert (tab.evaluate(READY), tab.evaluate(f"{STATS}.renderer")) == ("flat", "2-D canvas")
+    players = tab.evaluate("MBS['theatre-pendulum'].players.length")
+    before = tab.evaluate(f"{STATS}.frames")
+    tab.click("[data-play]")
+    tab.until(f"{STATS}.frames > {before} + 5")
+    assert 0 < tab.evaluate(f"{STATS}.calls") <= players * (2 + 2 + 2 + 1)  # ground, trails, bodies, exact bars
+
+
+def test_a_visitor_adds_a_run_that_is_not_on_stage(browser, tmp_path):
+    """Ten are; the eleventh has a file of its own, and the address keeps it."""
+    for k in range(12):
+        put(tmp_path, record(f"a{k:02}", dt_s=0.01 / (k + 1)), two_bars(40, size=1e-3 * (k + 1)))
+    results = read_results(tmp_path)
+    page = staged_pages(results) / f"theatre-{results.variants[0].slug}.html"
+    tab = browser.open(f"{page}#t=0.4")
+    tab.until(READY)
+    rows, choices = (f"document.querySelectorAll('{of}')" for of in ("[data-player]", "[data-add] option"))
+    assert tab.evaluate(f"{rows}.length") == 10 and tab.evaluate(f"{choices}.length") == 1 + 2
+    wanted = tab.evaluate(f"{choices}[1].value")
+    tab.evaluate("""(() => { const s = document.querySelector("[data-add]"); s.selectedIndex = 1;
+        s.dispatchEvent(new Event("change")); })()""")
+    tab.until(f"{rows}.length === 11 && {READY}")
+    name = page.stem
+    assert tab.evaluate(f"MBS['{name}'].players[10].run") == wanted and wanted in tab.evaluate("location.hash")
+    assert tab.evaluate(f"{rows}[10].querySelector('a').href").endswith(f"{wanted}.html")
+    assert tab.evaluate("[...document.querySelectorAll('.labels span')].filter((e) => !e.hidden).length") == 11
+    assert tab.evaluate(f"{STATS}.t") == 0.4 and faults(tab) == []
+    tab.close()
+
+
+@pytest.mark.parametrize("flat", ["&solid3d", "&flat"], ids=["3-D", "lines"])
 def test_runs_stand_side_by_side_until_one_asks_for_an_overlay(open_, flat):
     """A cell a run, each drawn in; over each other they leave the rest of the stage as it is."""
     tab = open_(f"t=0.4{flat}")
@@ -69,7 +110,7 @@ def test_runs_stand_side_by_side_until_one_asks_for_an_overlay(open_, flat):
     assert faults(tab) == []
 
 
-@pytest.mark.parametrize("at", ["t=0.9", "t=0.9&flat", "t=0.9&overlay"])
+@pytest.mark.parametrize("at", ["t=0.9&solid3d", "t=0.9&flat", "t=0.9&overlay"])
 def test_labels_never_hide_a_bar(open_, at):
     """With names and marks taken away, there is nothing where they were; elsewhere no pixel is another."""
     tab = open_(at)
@@ -89,7 +130,7 @@ def test_labels_never_hide_a_bar(open_, at):
     assert len(np.unique(after[covered], axis=0)) <= 1
 
 
-@pytest.mark.parametrize("flat", ["", "&flat"], ids=["3-D", "lines"])
+@pytest.mark.parametrize("flat", ["&solid3d", "&flat"], ids=["3-D", "lines"])
 def test_the_exact_motion_is_in_ink_as_far_as_it_is_known(open_, flat):
     """It leaves the bars of the run; beyond its horizon nothing is black."""
 

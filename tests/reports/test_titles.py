@@ -1,0 +1,106 @@
+"""Titles of plots are findings: their numbers are those of the data that are drawn."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.results.series import Series
+from mbsbench.reports.model.growth import growths
+from mbsbench.reports.model.results import read_results
+from mbsbench.reports.model.words import number
+from mbsbench.reports.plots.growth import growth
+from mbsbench.reports.plots.laws import errors, invariants, laws, observables
+from mbsbench.reports.plots.work import Profile, profile_plot, recorded, work_plots
+
+from .conftest import put, record, series
+from .test_charts import drawing_of
+
+SIZES = {"alpha": 2e-3, "beta": 0.4, "gamma": 3e-2}
+SERIES = {  # of a plot: the series that it draws, with its unit
+    "energy": ("energy_error", "J"), "phi": ("phi_norm", "m"), "phi-dot": ("phi_dot_norm", "m/s"),
+    "position": ("position_error", "m"), "orientation": ("orientation_error", "rad"), "inv-L": ("inv_L", "kg m²/s"),
+}  # fmt: skip
+
+
+def growing(size: float) -> Series:
+    """Each error is a power of time of its own, so that no two have the same largest value."""
+    motion = series()
+    t = motion["t"]
+    for k, (name, _) in enumerate(SERIES.values()):
+        motion.arrays[name] = size * (k + 1) * (t / 2.0) ** (k + 1)
+    motion.arrays["obs_theta"] = motion["ref_theta"] + size * t
+    return motion
+
+
+@pytest.fixture
+def drawn(tmp_path):
+    """Three solvers, judged to half of the time; a coarser run and another label that no title is about."""
+    for name, size in SIZES.items():
+        put(tmp_path, record(name, name, judged_to_s=1.0), growing(size))
+    put(tmp_path, record("coarse", judged_to_s=1.0, dt_s=0.1), growing(7.0))
+    put(tmp_path, record("printed", "delta", judged_to_s=1.0, label="as printed"), growing(9.0))
+    return dataclasses.replace(drawing_of(tmp_path), label="recommended")
+
+
+def test_laws_and_errors_go_from_the_smallest_to_the_largest(drawn):
+    """Of each solver's finest run its largest value: of laws to the end, of errors to where they are judged."""
+    found = {p.name: p for chapter in (laws, errors, invariants) for p in chapter(drawn).plots}
+    for name, (column, unit) in SERIES.items():
+        until = 1.0 if name in ("position", "orientation") else 2.0
+        ends = []
+        for solver in ("alpha", "beta"):
+            motion = growing(SIZES[solver])
+            ends.append(f"{number(motion[column][motion['t'] <= until].max())} {unit} ({solver})")
+        assert found[name].finding == f"{found[name].title}: {ends[0]} to {ends[1]}"
+
+
+def test_observables_say_how_far_off_they_are(drawn):
+    """From the reference, over the whole time that this is known."""
+    (plot,) = [p for p in observables(drawn).plots if p.name == "obs-theta"]
+    low, high = (number(2.0 * SIZES[name]) for name in ("alpha", "beta"))
+    assert plot.finding == f"theta: off by {low} rad (alpha) to {high} rad (beta)"
+
+
+def test_growth_names_the_smallest_and_the_largest_exponent(tmp_path):
+    """Least squares in the logarithms, from the table's numbers."""
+    rates = {"alpha": (1.0, 0.9, 1.3), "beta": (1.0, 3.0, 10.0)}
+    sizes = np.array([2, 4, 8])
+    for solver, cost in rates.items():
+        for n, cpu in zip(sizes, cost, strict=True):
+            put(tmp_path, record(f"{solver}{n}", solver, problem_parameters=f'{{"links": {n}}}', cpu_median_s=cpu))
+    results = read_results(tmp_path)
+    found = growths(results.runs, {c.record.run_id: int(c.record.run_id[-1]) for c in results.runs})
+    slopes = [np.polyfit(np.log(sizes), np.log(rates[name]), 1)[0] for name in ("alpha", "beta")]
+    title = growth("pendulum", found, lambda run: "").title
+    assert title == (
+        f"pendulum: a step of alpha grows with the number of bodies to the power {slopes[0]:.2f}, "
+        f"one of beta to {slopes[1]:.2f}"
+    )
+
+
+def test_a_profile_names_who_reaches_most_targets():
+    """By the best of its settings; default ones beside it do not count."""
+    found = [Profile("alpha", "evaluations", 9, (1.0, 2.0)), Profile("beta", "evaluations", 9, (5.0, 6.0, 7.0)),
+             Profile("gamma", "evaluations", 9, (1.0, 2.0, 3.0, 4.0), tuned=False),
+             Profile("gamma", "steps", 9, (1.0, 2.0, 3.0, 4.0))]  # fmt: skip
+    assert profile_plot(found, "evaluations").finding == "beta reaches 3 of 9 targets"
+
+
+def test_work_says_what_the_tightest_common_error_costs(tmp_path):
+    """Three ladders of order 2, 1 and none: two of three get to 1e-4, interpolated in the logarithms."""
+    for k in range(4):
+        for solver, error, cpu in (("alpha", 0.01 * 4.0**-k, 0.1 * 2.0**k), ("beta", 1e-3 * 2.0**-k, 2.0 * 2.0**k),
+                                   ("gamma", 0.3, 1.0)):  # fmt: skip
+            put(tmp_path, record(f"{solver}{k}", solver, dt_s=0.1 * 2.0**-k, position_error_max_m=error,
+                                 cpu_median_s=cpu))  # fmt: skip
+    (variant,) = read_results(tmp_path).variants
+    finding = work_plots("work", recorded(variant), [("error", "cpu")])["error-cpu"].finding
+    target = 1e-3
+    alpha = 0.1 * (0.01 / target) ** 0.5
+    assert finding == (
+        f"pendulum: alpha needs {number(alpha)} s for 0.001 m, beta {number(2.0 / alpha, 2)} times as much; "
+        "1 of 3 do not get there"
+    )
+    assert math.isclose(alpha, 0.316, rel_tol=1e-3)
