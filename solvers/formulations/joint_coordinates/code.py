@@ -2,7 +2,7 @@
 
     accelerate(t, y) -> y_dot
     finish(t, y) -> y, y_dot, lam, guard: y projected onto its loops, accelerations at what came in
-    record(t, y, y_dot, lam) -> r, R, v, reaction of all bodies and joints, as the system has them
+    record(t, y, y_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints, as the system has them
 
 ``guard`` is the least pivot over its value at the start, and the largest phi of rows that were left out.
 """
@@ -165,13 +165,15 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "Straight":
         points = int(system.joint_points[k])
         own = ca.vertcat(back @ own[:points], own[points:]) if points else own
         reaction[first[k] : first[k + 1]] = _parts(own)
-    r, R, v = [], [], []
+    r, R, v, v_dot = [], [], [], []
     for b in range(system.nb):
         F, c, omega = ca.SX(ca.DM(tree.frames[b])), motion.centre[b], motion.omega[b]
+        R_b = motion.R[b] @ F
         r.append(back @ (motion.P[b] + c))
-        R.append(ca.vec((back @ (motion.R[b] @ F)).T))
-        v += [back @ (motion.v[b] + ca.cross(omega, c)), F.T @ (motion.R[b].T @ omega)]
-    return Straight([t, y, y_dot, lam], [ca.densify(_column(x)) for x in (r, R, v, reaction)])
+        R.append(ca.vec((back @ R_b).T))
+        v += [back @ (motion.v[b] + ca.cross(omega, c)), R_b.T @ omega]
+        v_dot += [back @ (motion.a[b] + motion.W[b] @ c), R_b.T @ motion.alpha[b]]
+    return Straight([t, y, y_dot, lam], [ca.densify(_column(x)) for x in (r, R, v, v_dot, reaction)])
 
 
 def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.ndarray) -> dict[int, dict[int, float]]:

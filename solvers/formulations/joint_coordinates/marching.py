@@ -33,7 +33,7 @@ class Bodies(NamedTuple):
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)
     v: Any  # (nb, 6)
-    v_dot: Any  # unused
+    v_dot: Any  # (nb, 6)
     lam: Any  # (nrows,) reactions
     order: Any  # (nrows,)
 
@@ -151,7 +151,7 @@ class Marcher:
         self._programs = [
             Program([(address("accelerate"), [t, y, y_dot])], self.code),
             Program([(address("finish"), [t, y, after, y_dot, lam, guard])], self.code),
-            Program([(address("record"), [t, after, y_dot, lam, bodies.r, bodies.R, bodies.v, bodies.lam])], self.code),
+            Program([(address("record"), [t, after, y_dot, lam, *bodies[:5]])], self.code),
         ]
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(

@@ -7,7 +7,6 @@ The base frame has z along the first hinge, y against gravity; at the start the 
 So rotations of a planar mechanism are about z, and what is constant there is a number.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +17,9 @@ from ....harness.mechanics.system import GROUND, MultibodySystem
 
 NOISE = 1e-12  # of an array's size: a constant that is zero but for rounding
 
-MOTIONS: dict[str, tuple[str, ...]] = {  # directions that joints turn about and slide along: u in i, n in j
-    "revolute": ("u", ""), "universal": ("nu", ""), "cylindrical": ("u", "u"), "prismatic": ("", "u"), "fixed": ("", ""),
-    "spherical": ("", ""),
+MOTIONS = {  # directions that joints turn about, and slide along: u in i, n in j; a spherical one is a ball
+    "spherical": ("", ""), "universal": ("nu", ""), "revolute": ("u", ""), "fixed": ("", ""), "cylindrical": ("u", "u"),
+    "prismatic": ("", "u"),
 }  # fmt: skip
 
 
