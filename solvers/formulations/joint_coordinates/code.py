@@ -26,10 +26,11 @@ if TYPE_CHECKING:
     import casadi as ca
 
     from ..generated import Straight
-    from .motion import Motion
+    from .elimination import Matrix, Order
+    from .motion import Motion, Row
 
 MOST_OPERATIONS = 30_000
-FEW = 3  # operations that an entry of H, of J or of L takes at least
+FEW, LEAST_OF_A_BALL = 3, 150  # operations that an entry of H, and a ball, take at least
 
 
 class JointCode(NamedTuple):
@@ -66,13 +67,14 @@ def too_large(operations: int) -> str:
     )
 
 
-def least_operations(system: MultibodySystem, tree: Tree) -> int:
-    """Fewer than code has: entries of H and of J."""
+def least_operations(tree: Tree) -> int:
+    """Fewer than code has: entries of H between balls, and what each of these takes."""
     depth = {GROUND: 0}
+    total = 0
     for limb in tree.limbs:
-        depth[limb.body] = depth[limb.parent] + limb.sizes[1]
-    paths = sum(limb.sizes[1] * depth[limb.body] for limb in tree.limbs)
-    return FEW * paths
+        depth[limb.body] = limb.sizes[1] + (0 if limb.ball else depth[limb.parent])
+        total += FEW * limb.sizes[1] * depth[limb.body] + LEAST_OF_A_BALL * limb.ball
+    return total
 
 
 def _print(system: MultibodySystem, tree: Tree) -> str:
@@ -94,45 +96,63 @@ def _print(system: MultibodySystem, tree: Tree) -> str:
     return print_functions({**functions, **about(kept, rows, operations)})
 
 
+class Equations(NamedTuple):
+    """K at a motion, its first row of the cut joints, these, and the order of elimination."""
+
+    motion: "Motion"
+    K: "Matrix"
+    first: int
+    rows: "list[Row]"
+    order: "Order"
+
+
+def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> Equations:
+    from .elimination import find_order
+    from .motion import Motion
+
+    motion = Motion(system, tree, t, y, opened=opened)
+    held, rows, K = motion.held(), motion.rows(), motion.inertia()
+    n = len(K)
+    for k, row in enumerate([*held, *rows], n):
+        K[k] = {}
+        for u, entry in row.J.items():
+            K[k][u] = K[u][k] = entry
+    return Equations(motion, K, n + len(held), rows, find_order(_evaluate(K, t, y, tree.start), n))
+
+
+def _cost(found: Equations) -> int:
+    return found.order.products
+
+
 def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight], int, int]":
     import casadi as ca
 
     from ..generated import Straight
-    from .elimination import Factor, find_order
+    from .elimination import Factor
     from .motion import Motion
 
     nq, nu = tree.nq, tree.nu
     t, y = ca.SX.sym("t"), ca.SX.sym("y", nq + nu)
-    motion = Motion(system, tree, t, y)
-    rows = motion.rows()
-    K = motion.inertia()
-    for k, row in enumerate(rows, nu):
-        K[k] = {}
-        for u, entry in row.J.items():
-            K[k][u] = K[u][k] = entry
-    numbers = _evaluate(K, t, y, tree.start)
-    size = [numbers[k].get(k, 0.0) for k in range(nu)]
-    size += [sum(x * x / size[u] for u, x in numbers[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
-    order, start = find_order(numbers, nu, size)
-    factor = Factor(K, order)
+    balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
+    found = min((_equations(system, tree, t, y, opened) for opened in ([], balls)[: 1 + bool(balls)]), key=_cost)
+    motion, rows, first = found.motion, found.rows, found.first
+    factor = Factor(found.K, found.order.rows)
     x = factor.solve(
         {k: -e for k, e in enumerate(_parts(motion.efforts(motion.carried(motion.applied()))))}
-        | {k: -row.acceleration for k, row in enumerate(rows, nu)}
+        | {k: -row.acceleration for k, row in enumerate(rows, first)}
     )
-    u_dot, lam = _column([x[k] for k in range(nu)]), _column([-x.get(k, ca.SX(0)) for k in range(nu, len(K))])
-    # the projection, with the factor at what comes in
-    step = factor.solve({k: -row.phi for k, row in enumerate(rows, nu)})
-    change = _column([step[k] for k in range(nu)])
-    q = _moved(motion, change) if rows else y[:nq]
-    q = _normalised(tree, q)
+    u_dot = _column([x[k] for k in range(nu)])
+    lam = _column([-x.get(k, ca.SX(0)) for k in range(first, first + len(rows))])
+    step = factor.solve({k: -row.phi for k, row in enumerate(rows, first)})
+    q = _normalised(tree, motion.q + motion.q_dot(_column([step[k] for k in range(nu)])) if rows else motion.q)
     moved = Motion(system, tree, t, ca.vertcat(q, y[nq:]))
     after = moved.rows()
-    step = factor.solve({k: -row.rate for k, row in enumerate(after, nu)})
+    step = factor.solve({k: -row.rate for k, row in enumerate(after, first)})
     u = y[nq:] + _column([step[k] for k in range(nu)])
     ratio, gap = ca.SX(1), ca.SX(0)
-    for pivot, value in zip(factor.pivots, start, strict=True):
+    for pivot, value in zip(factor.pivots, found.order.pivots, strict=True):
         ratio = ca.fmin(ratio, pivot / value)
-    for k, row in enumerate(after, nu):
+    for k, row in enumerate(after, first):
         if k not in factor.inverse:
             gap = ca.fmax(gap, ca.fabs(row.phi))
     y_dot = ca.vertcat(moved.q_dot(u), u_dot)
@@ -141,7 +161,7 @@ def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight
         "finish": Straight([t, y], [ca.vertcat(q, u), y_dot, lam, ca.vertcat(ratio, gap)]),
         "record": _record(system, tree, len(rows)),
     }
-    return functions, len(order) - nu, len(rows)
+    return functions, sum(k >= first for k in factor.order), len(rows)
 
 
 def _record(system: MultibodySystem, tree: Tree, rows: int) -> "Straight":
@@ -187,11 +207,6 @@ def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.nd
     return out
 
 
-def _moved(motion: "Motion", change: "ca.SX") -> "ca.SX":
-    """Coordinates after a change along the velocities."""
-    return motion.q + motion.q_dot(change)
-
-
 def _normalised(tree: Tree, q: "ca.SX") -> "ca.SX":
     import casadi as ca
 
@@ -215,7 +230,7 @@ def _column(x: list[Any]) -> "ca.SX":
 
 def _digest(system: MultibodySystem, tree: Tree) -> str:
     """Of all numbers of a system and of its tree."""
-    digest = hashlib.sha256(repr([(limb.body, limb.parent, limb.joint) for limb in tree.limbs]).encode())
+    digest = hashlib.sha256(repr([limb[:4] for limb in tree.limbs]).encode())
     arrays = {field.name: getattr(system, field.name) for field in fields(system)}
     arrays |= {f"limb {k} {n}": a for k, limb in enumerate(tree.limbs) for n, a in limb._asdict().items()}
     arrays |= {"base": tree.base, "frames": tree.frames, "start": tree.start}

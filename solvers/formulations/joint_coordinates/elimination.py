@@ -5,7 +5,7 @@ are left without pivot depend on the others and are left out.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -15,13 +15,20 @@ DEPENDENT = 1e-9
 Matrix = dict[int, dict[int, Any]]  # symmetric, by columns {row: entry}, both halves; zeros left out
 
 
-def find_order(K: Matrix, nu: int, size: Sequence[float]) -> tuple[list[int], list[float]]:
-    """The order, and pivots; ``size`` holds lengths of rows squared: H's diagonal, J H^-1 J^T's without couplings.
+class Order(NamedTuple):
+    """Rows and columns as they are eliminated, their pivots, and how many products of entries of L that takes."""
 
-    ValueError where H is singular.
-    """
+    rows: list[int]
+    pivots: list[float]
+    products: int
+
+
+def find_order(K: Matrix, nu: int) -> Order:
+    """The order at numbers; the first ``nu`` rows are H's. ValueError where H is singular."""
+    size = [K[k].get(k, 0.0) for k in range(nu)]  # then the diagonal of J H^-1 J^T without couplings
+    size += [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
     K = {k: dict(column) for k, column in K.items()}
-    order, pivots = [], []
+    order, pivots, products = list[int](), list[float](), 0
     largest = max(size[nu:], default=0.0)
     left = {k for k in K if k < nu or size[k] > DEPENDENT**2 * largest}
     while left:
@@ -32,11 +39,12 @@ def find_order(K: Matrix, nu: int, size: Sequence[float]) -> tuple[list[int], li
             break
         order.append(k)
         pivots.append(K[k][k])
+        products += len(K[k]) * (len(K[k]) - 1) // 2
         left.remove(k)
         _eliminate(K, k)
     if any(k < nu for k in left):
         raise ValueError("some velocity has no inertia")
-    return order, pivots
+    return Order(order, pivots, products)
 
 
 def _eliminate(K: Matrix, k: int) -> None:

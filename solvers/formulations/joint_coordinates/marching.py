@@ -209,7 +209,7 @@ def refusal(problem: Problem) -> str | None:
     """Why no code can be made of a problem, as far as that is known beforehand."""
     if len(problem.system.user_i):
         return "writes out declared forces only, no user forces: use rkmk_dop853"
-    operations = least_operations(problem.system, spanning_tree(problem.system, problem.initial))
+    operations = least_operations(spanning_tree(problem.system, problem.initial))
     return too_large(operations) if operations > MOST_OPERATIONS else None
 
 

@@ -51,10 +51,17 @@ class Row(NamedTuple):
 
 
 class Motion:
-    """A tree at ``y`` (coordinates, then velocities) and t; with ``u_dot`` also its accelerations, else those at 0."""
+    """A tree at ``y`` (coordinates, then velocities) and t; with ``u_dot`` also its accelerations, else those at 0.
 
-    def __init__(self, system: MultibodySystem, tree: Tree, t: ca.SX, y: ca.SX, u_dot: ca.SX | None = None) -> None:
-        self.system, self.tree, self.t = system, tree, t
+    ``opened`` balls carry nothing in ``inertia`` and ``rows``: P of each moves freely there, by three numbers more
+    behind the velocities, and three rows more hold it on its parent. H is sparse then, which long chains need.
+    """
+
+    def __init__(
+        self, system: MultibodySystem, tree: Tree, t: ca.SX, y: ca.SX, u_dot: ca.SX | None = None,
+        opened: Sequence[int] = (),
+    ) -> None:  # fmt: skip
+        self.system, self.tree, self.t, self.opened = system, tree, t, opened
         self.q, self.u = y[: tree.nq], y[tree.nq :]
         self._u_dot = u_dot if u_dot is not None else ca.SX.zeros(tree.nu)
         self.limb = {limb.body: limb for limb in tree.limbs}
@@ -104,7 +111,7 @@ class Motion:
 
     def inertia(self) -> dict[int, dict[int, ca.SX]]:
         """H by columns {row: entry}, both halves."""
-        H: dict[int, dict[int, ca.SX]] = {k: {} for k in range(self.tree.nu)}
+        H: dict[int, dict[int, ca.SX]] = {k: {} for k in range(self.tree.nu + 3 * len(self.opened))}
         m, h, inertia = dict(enumerate(self.system.mass.tolist())), dict(self.h), dict(self.inertias())
         for limb in reversed(self.tree.limbs):
             b, p, L = limb.body, limb.parent, self.arm[limb.body]
@@ -112,7 +119,7 @@ class Motion:
                 for row, entry in self.along(b, Wrench(f, n)):
                     if not entry.is_zero():
                         H[k][row] = H[row][k] = entry
-            if p != GROUND:
+            if p != GROUND and b not in self.opened:
                 carried = ZERO if limb.ball else h[b]
                 g = carried + 0.5 * m[b] * L
                 inertia[p] = inertia[p] + 2.0 * ca.dot(L, g) * ca.SX.eye(3) - L @ g.T - g @ L.T
@@ -133,7 +140,15 @@ class Motion:
     def _momenta(self, limb: Limb, m: float, h: ca.SX, inertia: ca.SX) -> list[tuple[int, Wrench]]:
         slides = [Wrench(m * w, ca.cross(h, w)) for w in self.axes[limb.body].slides]
         turns = [Wrench(ca.cross(s, h), inertia @ s) for s in self.axes[limb.body].turns]
-        return list(enumerate([*slides, *turns], limb.u_at))
+        free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self._freed(limb.body)]
+        return [*enumerate([*slides, *turns], limb.u_at), *free]
+
+    def _freed(self, b: int) -> list[tuple[int, ca.SX]]:
+        """Numbers of what an opened ball frees, and its directions."""
+        if b not in self.opened:
+            return []
+        at = self.tree.nu + 3 * self.opened.index(b)
+        return [(at + k, ca.SX(ca.DM(e))) for k, e in enumerate(np.eye(3))]
 
     def along(self, b: int, load: Wrench, until: int = GROUND) -> list[tuple[int, ca.SX]]:
         """(number of a velocity, power of ``load`` on b at it), from b down to where ``until`` begins."""
@@ -142,7 +157,18 @@ class Motion:
             limb, axes = self.limb[b], self.axes[b]
             entries = [*(ca.dot(w, load.f) for w in axes.slides), *(ca.dot(s, load.n) for s in axes.turns)]
             out += list(enumerate(entries, limb.u_at))
+            if b in self.opened:
+                return [*out, *((k, ca.dot(e, load.f)) for k, e in self._freed(b))]
             load, b = self.passed_on(b, load), limb.parent
+        return out
+
+    def held(self) -> list[Row]:
+        """Rows that hold opened balls: what they free is what P of the parent does; nothing is left of it at rest."""
+        out = []
+        for b in self.opened:
+            for k, e in self._freed(b):
+                J = {u: -x for u, x in self.along(self.limb[b].parent, self.passed_on(b, Wrench(e, ZERO)))}
+                out.append(Row({u: x for u, x in J.items() if not x.is_zero()} | {k: ca.SX(1)}, *[ca.SX(0)] * 3))
         return out
 
     def passed_on(self, b: int, load: Wrench) -> Wrench:
@@ -225,6 +251,9 @@ class Motion:
             ends = int(self.system.joint_i[k]), int(self.system.joint_j[k])
             A, phi, phi_t, gamma = self._declared(k, [self.P[b] + self.centre[b] for b in ends], joint_places=True)
             below = self._meeting(*ends)
+            if any(b in self.opened for e in ends for b in self._below(e, below)):
+                below = GROUND  # nothing meets there
+            balls = any(self.limb[b].ball for e in ends for b in self._below(e, below))
             for row in range(A.shape[0]):
                 J: dict[int, ca.SX] = {}
                 left = ZERO
@@ -239,8 +268,8 @@ class Motion:
                     load = Wrench(f, n + ca.cross(c, f))
                     for u, entry in self.along(b, load, below):
                         J[u] = J.get(u, 0) + entry
-                    left = left + self._left(b, load, below)
-                if below != GROUND and self._has_ball(ends, below):  # forces are in balance there, moments are not
+                    left = left + self._left(b, load, below) if balls else left
+                if below != GROUND:  # forces are in balance there; moments are not, if a ball passes none on
                     for u, entry in self.along(below, Wrench(ZERO, left)):
                         J[u] = J.get(u, 0) + entry
                 out.append(Row({u: x for u, x in J.items() if not x.is_zero()}, phi[row], rate, acceleration))
@@ -299,8 +328,10 @@ class Motion:
         above = set(self._path(j))
         return next(b for b in self._path(i) if b in above)
 
-    def _has_ball(self, ends: Sequence[int], below: int) -> bool:
-        return any(self.limb[b].ball for e in ends for b in self._path(e)[: self._path(e).index(below)])
+    def _below(self, b: int, below: int) -> list[int]:
+        """Bodies from b on that hang on ``below``."""
+        path = self._path(b)
+        return path[: path.index(below)]
 
     def _left(self, b: int, load: Wrench, below: int) -> ca.SX:
         """Moment of a load on b that reaches ``below``."""
