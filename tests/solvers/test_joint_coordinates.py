@@ -12,14 +12,15 @@ from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
-from mbsbench.harness.mechanics.user_forces import UserForce
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, spanning_tree
 
 from .arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
-from .arbitrary_systems import consistent, law, linkage
+from .arbitrary_systems import consistent, linkage, with_user_forces
 from .runs import error
+
+PRESENTED = ({"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}, {"rotation": (0.3, -0.5, 0.7)})
 
 
 def solve(problem: Problem, rtol: float, solver: str = "dop853_joint") -> Trajectory:
@@ -104,7 +105,7 @@ def test_errors_fall_with_the_tolerance(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["four_bar_grid", "heavy_top", "slider_crank"])
-@pytest.mark.parametrize("presented_as", [{"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}, {"rotation": (0.3, -0.5, 0.7)}])
+@pytest.mark.parametrize("presented_as", PRESENTED)
 def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, presented_as: dict[str, object]) -> None:
     """The base frame is laid along a hinge and gravity, and vectors have tolerances by their length."""
     size = {"rows": 2, "columns": 2} if name == "four_bar_grid" else {}
@@ -147,10 +148,8 @@ def test_where_the_rank_changes_no_motion_is_wrong(release: str, rtol: float) ->
 def test_user_forces_are_refused() -> None:
     """A user's law has no expression that is sure to be its own."""
     problem = make_problem("heavy_top")
-    system = dataclasses.replace(
-        problem.system, user_i=np.array([0]), user_j=np.array([-1]), user_law=np.array([UserForce(law, 0)], dtype=object)
-    )
-    reason = make_solver("dop853_joint").refuses(dataclasses.replace(problem, system=system), StepControl(rtol=1e-6))
+    pushed = dataclasses.replace(problem, system=with_user_forces())
+    reason = make_solver("dop853_joint").refuses(pushed, StepControl(rtol=1e-6))
     assert reason is not None
     assert "user forces" in reason
 

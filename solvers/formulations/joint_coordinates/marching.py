@@ -15,7 +15,7 @@ from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled.algebra import copy
 from ..compiled.entries import Bound, Program, inner, run
-from ..compiled.host import FIRST_STEP, UNTOLD, Method, _march
+from ..compiled.host import ENDS, FIRST_STEP, UNTOLD, Method, _march
 from ..compiled.marching import STUCK, March, Record, empty_record, march, new_control
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
@@ -61,7 +61,7 @@ class Stages(NamedTuple):
     record: int
 
 
-def step(s):
+def step(s: Any) -> None:
     """Stages and the error of a step of ``control.h``."""
     c, n = s.control, len(s.b)
     if c.rejected - s.limits[2] >= MOST_CUTS:
@@ -78,7 +78,7 @@ def step(s):
     c.error = _error(s, c.h, c.rtol)
 
 
-def finish(s):
+def finish(s: Any) -> None:
     """Project; the accelerations at what came in are the next step's first."""
     c = s.control
     run(s.finish)
@@ -94,7 +94,7 @@ def finish(s):
 
 
 @inner
-def _combine(s, weights, n, out, h):
+def _combine(s: Any, weights: Any, n: int, out: Any, h: float) -> None:
     """out = start + h sum weights slopes"""
     copy(s.start, out)
     for i in range(n):
@@ -106,7 +106,7 @@ def _combine(s, weights, n, out, h):
 
 
 @inner
-def _error(s, h, rtol):
+def _error(s: Any, h: float, rtol: float) -> float:
     """RMS of the error estimate over the tolerances."""
     first = second = 0.0
     for e in range(2):
@@ -176,8 +176,6 @@ class Marcher:
 
     def explain(self, outcome: int) -> str:
         """Why the march has ended."""
-        from ..compiled.host import ENDS
-
         if outcome != STUCK:
             return ENDS[outcome][1]
         pivot, gap = self.stages.guard
