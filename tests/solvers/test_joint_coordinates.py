@@ -135,14 +135,13 @@ def test_a_tilt_that_defeats_folding_leaves_the_motion() -> None:
 
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
-@pytest.mark.parametrize("release", ["top_row", "all_rows"])
-def test_where_the_rank_changes_no_motion_is_wrong(release: str, rtol: float) -> None:
-    """Pivots vanish when bars of all rows come into line: the run says so, or follows the exact motion."""
-    problem = make_problem("four_bar_grid", {"release": release})
-    out = make_solver("dop853_joint").solve(problem, StepControl(rtol=rtol, cpu_limit=60.0))
-    assert out.status in (Status.SUCCESS, Status.SINGULAR), out.message
-    if out.status is Status.SUCCESS:
-        assert error(problem, out) < 0.05  # 1 % of the reach, what is lost where all rows nearly stop
+def test_where_the_rank_changes_the_kernel_takes_over(rtol: float) -> None:
+    """Pivots vanish when bars of all rows come into line: the run says so and goes on with rows chosen anew."""
+    problem = make_problem("four_bar_grid", {"release": "all_rows"})
+    out = solve(problem, rtol)
+    assert error(problem, out) < 0.05  # 1 % of the reach, what is lost at 1e-4 where all rows nearly stop
+    assert out.t[-1] == problem.t_end
+    assert any("kernel" in note for note in out.notes) or rtol > 1e-8
 
 
 def test_user_forces_are_refused() -> None:

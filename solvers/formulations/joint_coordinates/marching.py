@@ -1,8 +1,8 @@
 """DOP853 on the coordinates of a tree, error-controlled, each accepted step projected onto its loops (compiled).
 
 Tolerances are ``rtol (1 + |x|)`` of slides and velocities, vectors by their length, ``rtol`` of angles and half of it
-of quaternions. A run ends where a pivot falls to ``LEAST_PIVOT`` of its start, which it does near configurations where
-the rank of the rows changes, where rows that were left out open, and where a step is cut ``MOST_CUTS`` times.
+of quaternions. The kernel takes over where a pivot falls to ``LEAST_PIVOT`` of its start, which it does near configurations
+where the rank of the rows changes, where rows that were left out open, and where a step is cut ``MOST_CUTS`` times.
 """
 
 import dataclasses
@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.clock import cpu_seconds
-from ....harness.types import Problem, Status, StepControl, Trajectory
-from ..compiled.algebra import copy
+from ....harness.types import Problem, Spool, States, Status, StepControl, Trajectory
 from ..compiled.entries import Bound, Program, inner, run
-from ..compiled.host import ENDS, FIRST_STEP, UNTOLD, Method, _march
+from ..compiled import host as kernel
+from ..compiled.algebra import copy
+from ..compiled.host import ENDS, FIRST_STEP, NAMES, UNTOLD, Method, _march
 from ..compiled.marching import STUCK, March, Record, empty_record, march, new_control
+from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
 from .code import MOST_OPERATIONS, least_operations, make_code, too_large
@@ -181,7 +183,7 @@ class Marcher:
         pivot, gap = self.stages.guard
         return (
             f"the constraints are near a change of rank (least pivot {pivot:.2g} of its start, rows left out open by "
-            f"{gap:.2g}): use rkmk_dop853"
+            f"{gap:.2g})"
         )
 
 
@@ -226,5 +228,51 @@ def integrate(problem: Problem, control: StepControl) -> Trajectory:
     notes = [f"code of {marcher.code.operations} operations an evaluation"]
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
-    status = Status.SINGULAR if state["outcome"] == STUCK else out.status
-    return dataclasses.replace(out, status=status, notes=tuple(notes))
+    out = dataclasses.replace(out, notes=tuple(notes))
+    if state["outcome"] != STUCK:
+        return out
+    if problem.system.is_timed:  # the kernel's time begins at 0
+        return dataclasses.replace(out, status=Status.SINGULAR, message=f"{out.message}: use rkmk_dop853")
+    return _hand_over(problem, control, out)
+
+
+class _Later(NamedTuple):
+    """A spool of a run that goes on, its times counted from ``start``."""
+
+    spool: Spool
+    start: float
+
+    @property
+    def rows(self) -> int:
+        return self.spool.rows
+
+    def due(self) -> bool:
+        return self.spool.due()
+
+    def take(self, t: Any, states: States) -> None:
+        self.spool.take(np.asarray(t) + self.start, states)
+
+
+def _hand_over(problem: Problem, control: StepControl, done: Trajectory) -> Trajectory:
+    """The rest of the run by the kernel of rkmk_dop853, from the last step on."""
+    start, steps = float(done.t[-1]), done.counters["steps"]
+    used, why = done.cpu_time + done.setup_time, f"{done.message}; from there on by the kernel of rkmk_dop853"
+    left = StepControl(
+        rtol=control.rtol, max_step=control.max_step, max_steps=control.max_steps - steps,
+        cpu_limit=max(control.cpu_limit - used, 1e-3) if control.cpu_limit else None,
+        spool=_Later(control.spool, start) if control.spool else None,
+    )  # fmt: skip
+    rest = dataclasses.replace(problem, initial=done.states[len(done.t) - 1], t_end=problem.t_end - start)
+    out = kernel.integrate(rest, left, explicit_pair(DOPRI853))
+    assert done.reaction is not None
+    assert out.reaction is not None
+    parts = {name: np.concatenate((getattr(done.states, name), getattr(out.states, name)[1:])) for name in NAMES}
+    times = np.concatenate((done.t, start + out.t[1:]))
+    if out.t[-1] == rest.t_end:
+        times[-1] = problem.t_end
+    return Trajectory(
+        t=times, states=States(**parts), status=out.status, message=out.message, notes=(*done.notes, why),
+        counters={name: count + out.counters[name] for name, count in done.counters.items()},
+        reaction=np.concatenate((done.reaction, out.reaction[1:])), cpu_time=done.cpu_time + out.cpu_time,
+        setup_time=done.setup_time + out.setup_time,
+    )  # fmt: skip
