@@ -1,8 +1,8 @@
 """DOP853 on the coordinates of a tree, error-controlled, each accepted step projected onto its loops (compiled).
 
 Tolerances are ``rtol (1 + |x|)`` of slides and velocities, vectors by their length, ``rtol`` of angles and half of it
-of quaternions. The kernel takes over where a pivot falls to ``LEAST_PIVOT`` of its start, as it does where the rank of the
-rows changes, where rows that were left out open, and where a step is cut ``MOST_CUTS`` times.
+of quaternions. The kernel takes over where a pivot falls to ``LEAST_PIVOT`` of its start, as it does where the rank of
+the rows changes, where rows that were left out open, and where a step is cut ``MOST_CUTS`` times.
 """
 
 import dataclasses
