@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.clock import cpu_seconds
-from ....harness.types import Problem, Spool, States, Status, StepControl, Trajectory
+from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..compiled import host as kernel
 from ..compiled.algebra import copy
 from ..compiled.entries import Bound, Program, inner, run
@@ -236,42 +236,20 @@ def integrate(problem: Problem, control: StepControl) -> Trajectory:
     return _hand_over(problem, control, out)
 
 
-class _Later(NamedTuple):
-    """A spool of a run that goes on, its times counted from ``start``."""
-
-    spool: Spool
-    start: float
-
-    @property
-    def rows(self) -> int:
-        return self.spool.rows
-
-    def due(self) -> bool:
-        return self.spool.due()
-
-    def take(self, t: Any, states: States) -> None:
-        self.spool.take(np.asarray(t) + self.start, states)
-
-
 def _hand_over(problem: Problem, control: StepControl, done: Trajectory) -> Trajectory:
     """The rest of the run by the kernel of rkmk_dop853, from the last step on."""
     start, steps = float(done.t[-1]), done.counters["steps"]
     used, why = done.cpu_time + done.setup_time, f"{done.message}; from there on by the kernel of rkmk_dop853"
-    left = StepControl(
-        rtol=control.rtol, max_step=control.max_step, max_steps=control.max_steps - steps,
-        cpu_limit=max(control.cpu_limit - used, 1e-3) if control.cpu_limit else None,
-        spool=_Later(control.spool, start) if control.spool else None,
-    )  # fmt: skip
+    limit = None if control.cpu_limit is None else max(control.cpu_limit - used, 1e-3)
+    left = dataclasses.replace(control, max_steps=control.max_steps - steps, cpu_limit=limit, spool=None)
     rest = dataclasses.replace(problem, initial=done.states[len(done.t) - 1], t_end=problem.t_end - start)
     out = kernel.integrate(rest, left, explicit_pair(DOPRI853))
     assert done.reaction is not None
     assert out.reaction is not None
-    parts = {name: np.concatenate((getattr(done.states, name), getattr(out.states, name)[1:])) for name in NAMES}
-    times = np.concatenate((done.t, start + out.t[1:]))
-    if out.t[-1] == rest.t_end:
-        times[-1] = problem.t_end
-    return Trajectory(
-        t=times, states=States(**parts), status=out.status, message=out.message, notes=(*done.notes, why),
+    times = np.where(out.t == rest.t_end, problem.t_end, start + out.t)
+    return dataclasses.replace(
+        out, t=np.concatenate((done.t, times[1:])), notes=(*done.notes, why),
+        states=States(*(np.concatenate((getattr(done.states, n), getattr(out.states, n)[1:])) for n in NAMES)),
         counters={name: count + out.counters[name] for name, count in done.counters.items()},
         reaction=np.concatenate((done.reaction, out.reaction[1:])), cpu_time=done.cpu_time + out.cpu_time,
         setup_time=done.setup_time + out.setup_time,
