@@ -41,7 +41,7 @@ def check_accelerations(system: MultibodySystem, start: State, *, seed: int = 0,
     reaction = np.zeros(system.nrows)
 
     def call(name: str, *arrays: np.ndarray) -> None:
-        code.function(name, len(arrays))(*(a.ctypes.data for a in arrays))
+        code.code.function(name, len(arrays))(*(a.ctypes.data for a in arrays))
 
     for _ in range(12):  # onto the loops
         call("finish", t, y, after, y_dot, lam, guard)

@@ -8,7 +8,6 @@
 """
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -41,10 +40,6 @@ class JointCode(NamedTuple):
     rows: int
     operations: int  # of ``accelerate``
 
-    def function(self, name: str, arguments: int) -> Callable[..., None]:
-        """For calls from Python, with addresses of arrays."""
-        return self.code.function(name, arguments)
-
 
 def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
     """Made, or loaded; ValueError where none can be made."""
@@ -53,7 +48,7 @@ def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
     code.function("about", 1)(about.ctypes.data)
     kept, rows, operations = (int(x) for x in about)
     if operations < 0:
-        raise ValueError("some velocity has no inertia of its own: the joints of the tree give bodies none")
+        raise ValueError("needs inertia for each velocity of a joint, and a point mass on a ball has none: use rkmk_dop853")
     if operations > MOST_OPERATIONS:
         raise ValueError(too_large(operations))
     return JointCode(code, kept, rows, operations)
@@ -120,10 +115,6 @@ def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", open
     return Equations(motion, K, n + len(held), rows, find_order(_evaluate(K, t, y, tree.start), n))
 
 
-def _cost(found: Equations) -> int:
-    return found.order.products
-
-
 def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight], int, int]":
     import casadi as ca
 
@@ -134,7 +125,8 @@ def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight
     nq, nu = tree.nq, tree.nu
     t, y = ca.SX.sym("t"), ca.SX.sym("y", nq + nu)
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
-    found = min((_equations(system, tree, t, y, opened) for opened in ([], balls)[: 1 + bool(balls)]), key=_cost)
+    ways = ([], balls)[: 1 + bool(balls)]  # whichever has the shorter elimination
+    found = min((_equations(system, tree, t, y, way) for way in ways), key=lambda found: found.order.products)
     motion, rows, first = found.motion, found.rows, found.first
     factor = Factor(found.K, found.order.rows)
     x = factor.solve(
