@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     from ..generated import Straight
     from .elimination import Matrix, Order
-    from .motion import Motion, Row
+    from .loops import Row
+    from .motion import Motion
 
 MOST_OPERATIONS = 30_000
 FEW, LEAST_OF_A_BALL = 3, 150  # operations that an entry of H, and a ball, take at least
@@ -48,7 +49,7 @@ def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
     code.function("about", 1)(about.ctypes.data)
     kept, rows, operations = (int(x) for x in about)
     if operations < 0:
-        raise ValueError("needs inertia for each velocity of a joint, and a point mass on a ball has none: use rkmk_dop853")
+        raise ValueError("needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853")
     if operations > MOST_OPERATIONS:
         raise ValueError(too_large(operations))
     return JointCode(code, kept, rows, operations)
@@ -77,13 +78,14 @@ def _print(system: MultibodySystem, tree: Tree) -> str:
     import casadi as ca
 
     from ..generated.functions import Straight, record_function
+    from .elimination import NoInertia
 
     def about(kept: int, rows: int, operations: int) -> "dict[str, Any]":
         return {"about": Straight([], [ca.vertcat(kept, rows, operations)])}
 
     try:
         functions, kept, rows = _functions(system, tree)
-    except ValueError:
+    except NoInertia:
         return print_functions(about(0, 0, -1))
     operations = len(record_function(functions["accelerate"]).tape.operations)
     if operations > MOST_OPERATIONS:
@@ -102,11 +104,12 @@ class Equations(NamedTuple):
 
 
 def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> Equations:
+    from . import loops
     from .elimination import find_order
     from .motion import Motion
 
     motion = Motion(system, tree, t, y, opened=opened)
-    held, rows, K = motion.held(), motion.rows(), motion.inertia()
+    held, rows, K = loops.held(motion), loops.rows(motion), motion.inertia()
     n = len(K)
     for k, row in enumerate([*held, *rows], n):
         K[k] = {}
@@ -119,6 +122,7 @@ def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight
     import casadi as ca
 
     from ..generated import Straight
+    from . import loops
     from .elimination import Factor
     from .motion import Motion
 
@@ -138,7 +142,7 @@ def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight
     step = factor.solve({k: -row.phi for k, row in enumerate(rows, first)})
     q = _normalised(tree, motion.q + motion.q_dot(_column([step[k] for k in range(nu)])) if rows else motion.q)
     moved = Motion(system, tree, t, ca.vertcat(q, y[nq:]))
-    after = moved.rows()
+    after = loops.rows(moved)
     step = factor.solve({k: -row.rate for k, row in enumerate(after, first)})
     u = y[nq:] + _column([step[k] for k in range(nu)])
     ratio, gap = ca.SX(1), ca.SX(0)
@@ -160,17 +164,18 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "Straight":
     import casadi as ca
 
     from ..generated import Straight
+    from . import loops
     from .motion import Motion, Wrench
 
     t, y, y_dot = ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu), ca.SX.sym("y_dot", tree.nq + tree.nu)
     lam = ca.SX.sym("lam", rows)
     motion = Motion(system, tree, t, y, y_dot[tree.nq :])
-    loads, held = motion.applied(), motion.row_loads(lam)
+    loads, held = motion.applied(), loops.row_loads(motion, lam)
     carried = motion.carried({b: Wrench(x.f + held[b].f, x.n + held[b].n) for b, x in loads.items()})
     first = system.row_start
     reaction: list[Any] = [ca.SX(0)] * system.nrows
     back = ca.SX(ca.DM(tree.base.T))
-    parts = {limb.joint: motion.reaction(limb, carried[limb.body]) for limb in tree.limbs if limb.joint >= 0}
+    parts = {limb.joint: loops.reaction(motion, limb, carried[limb.body]) for limb in tree.limbs if limb.joint >= 0}
     at = np.concatenate(([0], np.cumsum(system.joint_rows[list(tree.cuts)]))).astype(int)
     parts |= {k: lam[int(at[n]) : int(at[n + 1])] for n, k in enumerate(tree.cuts)}
     for k, own in parts.items():
@@ -234,5 +239,5 @@ def _digest(system: MultibodySystem, tree: Tree) -> str:
 
 @cache
 def _own_text() -> str:
-    names = ("code", "elimination", "motion", "tree")
+    names = ("code", "elimination", "loops", "motion", "tree")
     return hashlib.sha256(b"".join(Path(__file__).with_name(f"{name}.py").read_bytes() for name in names)).hexdigest()

@@ -15,6 +15,10 @@ DEPENDENT = 1e-9
 Matrix = dict[int, dict[int, Any]]  # symmetric, by columns {row: entry}, both halves; zeros left out
 
 
+class NoInertia(ValueError):
+    """H is singular."""
+
+
 class Order(NamedTuple):
     """Rows and columns as they are eliminated, their pivots, and how many products of entries of L that takes."""
 
@@ -24,7 +28,7 @@ class Order(NamedTuple):
 
 
 def find_order(K: Matrix, nu: int) -> Order:
-    """The order at numbers; the first ``nu`` rows are H's. ValueError where H is singular."""
+    """The order at numbers; the first ``nu`` rows are H's. NoInertia where H is singular."""
     size = [K[k].get(k, 0.0) for k in range(nu)]  # then the diagonal of J H^-1 J^T without couplings
     size += [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
     K = {k: dict(column) for k, column in K.items()}
@@ -43,7 +47,7 @@ def find_order(K: Matrix, nu: int) -> Order:
         left.remove(k)
         _eliminate(K, k)
     if any(k < nu for k in left):
-        raise ValueError("some velocity has no inertia")
+        raise NoInertia
     return Order(order, pivots, products)
 
 

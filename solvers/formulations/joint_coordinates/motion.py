@@ -9,7 +9,6 @@ of composite bodies. Behind a ball nothing turns with the parent: its moment is 
 """
 
 from collections.abc import Sequence
-from functools import cache
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ import numpy as np
 from ....harness.mechanics import forces
 from ....harness.mechanics.declaring import Pose
 from ....harness.mechanics.system import GROUND, MultibodySystem
-from ..rows.expressions import force_numbers, joint_numbers, row_expressions, time_function
+from ..rows.expressions import force_numbers, time_function
 from ..rows.symbols import Symbol
 from .tree import Limb, Tree, snapped
 
@@ -39,15 +38,6 @@ class Wrench(NamedTuple):
 
     f: ca.SX
     n: ca.SX
-
-
-class Row(NamedTuple):
-    """One row: by velocities {number: entry}, phi, phi_t, and phi_ddot at the accelerations of the motion."""
-
-    J: dict[int, ca.SX]
-    phi: ca.SX
-    rate: ca.SX
-    acceleration: ca.SX
 
 
 class Motion:
@@ -77,11 +67,11 @@ class Motion:
         q = [self.q[limb.q_at + k] for k in range(limb.sizes[0])]
         u, u_dot = ([x[limb.u_at + k] for k in range(limb.sizes[1])] for x in (self.u, self._u_dot))
         slides = [R @ ca.SX(ca.DM(a)) for a in limb.slides]
-        L = R @ ca.SX(ca.DM(limb.arm)) + _sum(slides, q)
-        across = _sum(slides, u)
+        L = R @ ca.SX(ca.DM(limb.arm)) + weighted(slides, q)
+        across = weighted(slides, u)
         self.arm[b], self.P[b] = L, self.P[p] + L
         self.v[b] = self.v[p] + ca.cross(omega, L) + across
-        self.a[b] = self.a[p] + self.W[p] @ L + 2.0 * ca.cross(omega, across) + _sum(slides, u_dot)
+        self.a[b] = self.a[p] + self.W[p] @ L + 2.0 * ca.cross(omega, across) + weighted(slides, u_dot)
         turns = []
         if limb.ball:
             R, omega, alpha = _of_quaternion(q[ns:]), ca.vertcat(*u[ns:]), ca.vertcat(*u_dot[ns:])
@@ -140,10 +130,10 @@ class Motion:
     def _momenta(self, limb: Limb, m: float, h: ca.SX, inertia: ca.SX) -> list[tuple[int, Wrench]]:
         slides = [Wrench(m * w, ca.cross(h, w)) for w in self.axes[limb.body].slides]
         turns = [Wrench(ca.cross(s, h), inertia @ s) for s in self.axes[limb.body].turns]
-        free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self._freed(limb.body)]
+        free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self.freed(limb.body)]
         return [*enumerate([*slides, *turns], limb.u_at), *free]
 
-    def _freed(self, b: int) -> list[tuple[int, ca.SX]]:
+    def freed(self, b: int) -> list[tuple[int, ca.SX]]:
         """Numbers of what an opened ball frees, and its directions."""
         if b not in self.opened:
             return []
@@ -158,17 +148,8 @@ class Motion:
             entries = [*(ca.dot(w, load.f) for w in axes.slides), *(ca.dot(s, load.n) for s in axes.turns)]
             out += list(enumerate(entries, limb.u_at))
             if b in self.opened:
-                return [*out, *((k, ca.dot(e, load.f)) for k, e in self._freed(b))]
+                return [*out, *((k, ca.dot(e, load.f)) for k, e in self.freed(b))]
             load, b = self.passed_on(b, load), limb.parent
-        return out
-
-    def held(self) -> list[Row]:
-        """Rows that hold opened balls: what they free is what P of the parent does; nothing is left of it at rest."""
-        out = []
-        for b in self.opened:
-            for k, e in self._freed(b):
-                J = {u: -x for u, x in self.along(self.limb[b].parent, self.passed_on(b, Wrench(e, ZERO)))}
-                out.append(Row({u: x for u, x in J.items() if not x.is_zero()} | {k: ca.SX(1)}, *[ca.SX(0)] * 3))
         return out
 
     def passed_on(self, b: int, load: Wrench) -> Wrench:
@@ -230,13 +211,14 @@ class Motion:
                 parts[name] = Symbol(time_function(ca.SX(ca.DM(own)), self.t))
             elif shape:
                 end = DIRECTIONS.get(name) or ("i" if follows else "")
-                frame = self._frame(ends["ij".index(end)]) if end else self.tree.base
+                frame = self.frame(ends["ij".index(end)]) if end else self.tree.base
                 parts[name] = _symbols(snapped(own.reshape(-1, 3) @ frame.T).reshape(shape))
             else:
                 parts[name] = Symbol(ca.SX(float(own[0])))
         return SimpleNamespace(**parts)
 
-    def _frame(self, b: int) -> np.ndarray:
+    def frame(self, b: int) -> np.ndarray:
+        """From body b, or from space, to the base, at the start."""
         return self.tree.frames[b] if b != GROUND else self.tree.base
 
     def _pose(self, b: int) -> Pose:
@@ -244,109 +226,9 @@ class Motion:
         v = self.v[b] + ca.cross(self.omega[b], self.centre[b])
         return Pose(*(_symbols(x) for x in (C, self.R[b], v, self.omega[b])))
 
-    def rows(self) -> list[Row]:
-        """Those of the cut joints."""
-        out = []
-        for k in self.tree.cuts:
-            ends = int(self.system.joint_i[k]), int(self.system.joint_j[k])
-            A, phi, phi_t, gamma = self._declared(k, [self.P[b] + self.centre[b] for b in ends], joint_places=True)
-            below = self._meeting(*ends)
-            if any(b in self.opened for e in ends for b in self._below(e, below)):
-                below = GROUND  # nothing meets there
-            balls = any(self.limb[b].ball for e in ends for b in self._below(e, below))
-            for row in range(A.shape[0]):
-                J: dict[int, ca.SX] = {}
-                left = ZERO
-                rate, acceleration = phi_t[row], gamma[row]
-                for e, b in enumerate(ends):
-                    if b == GROUND:
-                        continue
-                    f, n = A[row, 6 * e : 6 * e + 3].T, A[row, 6 * e + 3 : 6 * e + 6].T
-                    c, omega = self.centre[b], self.omega[b]
-                    rate += ca.dot(f, self.v[b] + ca.cross(omega, c)) + ca.dot(n, omega)
-                    acceleration += ca.dot(f, self.a[b] + self.W[b] @ c) + ca.dot(n, self.alpha[b])
-                    load = Wrench(f, n + ca.cross(c, f))
-                    for u, entry in self.along(b, load, below):
-                        J[u] = J.get(u, 0) + entry
-                    left = left + self._left(b, load, below) if balls else left
-                if below != GROUND:  # forces are in balance there; moments are not, if a ball passes none on
-                    for u, entry in self.along(below, Wrench(ZERO, left)):
-                        J[u] = J.get(u, 0) + entry
-                out.append(Row({u: x for u, x in J.items() if not x.is_zero()}, phi[row], rate, acceleration))
-        return out
 
-    def row_loads(self, lam: ca.SX) -> dict[int, Wrench]:
-        """Reactions of the cut joints on the bodies."""
-        out = {b: Wrench(ZERO, ZERO) for b in self.limb}
-        at = 0
-        for k in self.tree.cuts:
-            ends = int(self.system.joint_i[k]), int(self.system.joint_j[k])
-            A = self._declared(k, [self.P[b] + self.centre[b] for b in ends], joint_places=True)[0]
-            load = A.T @ lam[at : at + A.shape[0]]
-            at += A.shape[0]
-            for e, b in enumerate(ends):
-                if b != GROUND:
-                    f, n = load[6 * e : 6 * e + 3], load[6 * e + 3 : 6 * e + 6]
-                    out[b] = Wrench(out[b].f + f, out[b].n + n + ca.cross(self.centre[b], f))
-        return out
-
-    def reaction(self, limb: Limb, load: Wrench) -> ca.SX:
-        """Of the rows of a joint of the tree that carries ``load``: they are orthonormal about the point of i."""
-        A = self._declared(limb.joint, [ZERO, ZERO], joint_places=False)[0]
-        sign = 1.0 if limb.child_is_i else -1.0
-        way = self.R[limb.parent] @ ca.SX(ca.DM(limb.beside)) - (0.0 if limb.child_is_i else 1.0) * _sum(
-            self.axes[limb.body].slides, [self.q[limb.q_at + k] for k in range(len(limb.slides))]
-        )
-        moment = load.n - ca.cross(way, load.f)
-        return sign * (A[:, :3] @ load.f + A[:, 3:6] @ moment)
-
-    def _declared(self, k: int, places: list[ca.SX], *, joint_places: bool) -> tuple[ca.SX, ...]:
-        """A, phi, phi_t, gamma of joint k, of V = (v of C, omega) of both ends, its bodies at ``places``."""
-        s, ends = self.system, (int(self.system.joint_i[k]), int(self.system.joint_j[k]))
-        numbers = joint_numbers(s, np.array([k]))[0]
-        i, j = (self._frame(b).T for b in ends)
-        size = float(np.max(np.abs(numbers[:6]), initial=0.0))
-        for at, frame in ((0, i), (3, j), (6, i), (9, i), (12, j), (15, j), (18, j)):
-            numbers[at : at + 3] = snapped(numbers[at : at + 3] @ frame, size if at < 6 else 1.0)
-        if not joint_places:
-            numbers[:6] = 0.0
-        x, V = [], []
-        for b, place in zip(ends, places, strict=True):
-            x += [place, ca.vec(self.R[b].T)]
-            V += [self.v[b] + ca.cross(self.omega[b], self.centre[b]), self.omega[b]]
-        return _row_function(str(s.joint_kind(k)))(ca.vertcat(*x), ca.vertcat(*V), self.t, numbers)
-
-    def _path(self, b: int) -> list[int]:
-        path = [b]
-        while b != GROUND:
-            b = self.limb[b].parent
-            path.append(b)
-        return path
-
-    def _meeting(self, i: int, j: int) -> int:
-        """The last body that both hang on."""
-        above = set(self._path(j))
-        return next(b for b in self._path(i) if b in above)
-
-    def _below(self, b: int, below: int) -> list[int]:
-        """Bodies from b on that hang on ``below``."""
-        path = self._path(b)
-        return path[: path.index(below)]
-
-    def _left(self, b: int, load: Wrench, below: int) -> ca.SX:
-        """Moment of a load on b that reaches ``below``."""
-        while b != below:
-            load, b = self.passed_on(b, load), self.limb[b].parent
-        return load.n
-
-
-@cache
-def _row_function(kind: str) -> ca.Function:
-    e = row_expressions(kind, None, space=True)
-    return ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])
-
-
-def _sum(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
+def weighted(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
+    """Sum of directions times values."""
     out = ZERO
     for a, x in zip(directions, values, strict=False):
         out = out + a * x
