@@ -23,7 +23,6 @@ class Dop853Joint:
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
-    takes_coupled_axes: ClassVar[bool] = True
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """User forces, and mechanisms that need too much code."""

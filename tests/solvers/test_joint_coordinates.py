@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presented import presented
+from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.index1 import index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
@@ -25,7 +25,7 @@ PRESENTED = ({"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}, {"rotation": (0.3, 
 
 def solve(problem: Problem, rtol: float, solver: str = "dop853_joint") -> Trajectory:
     """A run that must succeed."""
-    out = presented(make_solver(solver), problem).solve(problem, StepControl(rtol=rtol))
+    out = present_solver(make_solver(solver), problem).solve(problem, StepControl(rtol=rtol))
     assert out.status is Status.SUCCESS, out.message
     return out
 

@@ -18,7 +18,7 @@ import numpy as np
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
-from ..rows.kept import texts
+from ..rows.kept import _texts as texts
 from .tree import Tree
 
 if TYPE_CHECKING:

@@ -15,9 +15,10 @@ from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..compiled import host as kernel
 from ..compiled.algebra import copy
-from ..compiled.entries import Bound, Program, inner, run
+from ..compiled.entries import Bound, inner, run
 from ..compiled.host import ENDS, FIRST_STEP, NAMES, UNTOLD, Method, _march
 from ..compiled.marching import STUCK, March, Record, empty_record, march, new_control
+from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory

@@ -122,7 +122,7 @@ class Motion:
         out = {}
         for limb in self.tree.limbs:
             b, c, F = limb.body, limb.centre, self.tree.frames[limb.body]
-            about_c = F @ self.system.solved_inertia[b] @ F.T
+            about_c = F @ self.system.regular_inertia[b] @ F.T
             J = snapped(about_c + self.system.mass[b] * (c @ c * np.eye(3) - np.outer(c, c)))
             out[b] = _symmetric(self.R[b] @ ca.SX(ca.DM(0.5 * (J + J.T))), self.R[b])
         return out
