@@ -1,0 +1,33 @@
+"""DOP853, the pair 8(5,3) of Hairer, Norsett and Wanner (1993), in joint coordinates, by code made for the mechanism.
+
+Relative coordinates of a spanning tree's joints, quaternions of balls; H u_dot + b = J^T lam, J u_dot = -gamma, with H
+of composite bodies, b of Newton and Euler (Featherstone 2008, ch. 5, 6, 8), J of the joints that close loops. They are
+written out as straight code for the mechanism at hand, in which constants are folded: a planar mechanism has planar
+code. Rows that depend on others at the start are left out. After every accepted step coordinates are projected onto
+phi = 0 and velocities onto phi_dot = 0, least change in the metric of H. Making the code is set-up.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.joint_coordinates.marching import integrate, refusal
+
+
+@solver("dop853_joint")
+@dataclass(frozen=True)
+class Dop853Joint:
+    """DOP853 in joint coordinates, error control."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "rtol"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """User forces, and mechanisms that need too much code."""
+        return refusal(problem)
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with error control at ``control.rtol``."""
+        return integrate(problem, control)

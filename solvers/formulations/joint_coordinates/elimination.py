@@ -1,0 +1,93 @@
+"""K = [[H, J^T], [J, 0]] = L D L^T by scalars, in an order found once, at numbers.
+
+Of the rows and columns whose pivots are safe there, the one with the fewest neighbours is eliminated first; rows that
+are left without pivot depend on the others and are left out.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+SAFE = 1e-3  # of its size: a pivot
+DEPENDENT = 1e-9
+
+Matrix = dict[int, dict[int, Any]]  # symmetric, by columns {row: entry}, both halves; zeros left out
+
+
+class NoInertia(ValueError):
+    """H is singular."""
+
+
+class Order(NamedTuple):
+    """Rows and columns as they are eliminated, their pivots, and how many products of entries of L that takes."""
+
+    rows: list[int]
+    pivots: list[float]
+    products: int
+
+
+def find_order(K: Matrix, nu: int) -> Order:
+    """The order at numbers; the first ``nu`` rows are H's. NoInertia where H is singular."""
+    size = [K[k].get(k, 0.0) for k in range(nu)]  # then the diagonal of J H^-1 J^T without couplings
+    size += [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
+    K = {k: dict(column) for k, column in K.items()}
+    order, pivots, products = list[int](), list[float](), 0
+    largest = max(size[nu:], default=0.0)
+    left = {k for k in K if k < nu or size[k] > DEPENDENT**2 * largest}
+    while left:
+        safety = {k: abs(K[k].get(k, 0.0)) / size[k] if size[k] > 0.0 else 0.0 for k in left}
+        safe = [k for k in left if safety[k] > SAFE]
+        k = min(safe, key=lambda x: (len(K[x]), -safety[x])) if safe else max(left, key=safety.__getitem__)
+        if not safety[k] > DEPENDENT:
+            break
+        order.append(k)
+        pivots.append(K[k][k])
+        products += len(K[k]) * (len(K[k]) - 1) // 2
+        left.remove(k)
+        _eliminate(K, k)
+    if any(k < nu for k in left):
+        raise NoInertia
+    return Order(order, pivots, products)
+
+
+def _eliminate(K: Matrix, k: int) -> None:
+    column = K.pop(k)
+    pivot = column.pop(k)
+    for row in column:
+        del K[row][k]
+    for row, entry in column.items():
+        ratio = entry / pivot
+        for other, value in column.items():
+            K[row][other] = K[row].get(other, 0.0) - ratio * value
+
+
+class Factor:
+    """L by columns and 1/D, as expressions."""
+
+    def __init__(self, K: Matrix, order: Sequence[int]) -> None:
+        place = {k: n for n, k in enumerate(order)}
+        lower = {k: {row: x for row, x in K[k].items() if place.get(row, -1) >= place[k]} for k in order}
+        self.order, self.L, self.inverse, self.pivots = list(order), {}, {}, []  # type: ignore[var-annotated]
+        for k in order:
+            column = lower.pop(k)
+            pivot = column.pop(k)
+            below = sorted(column, key=place.__getitem__)
+            self.pivots.append(pivot)
+            self.inverse[k] = 1.0 / pivot
+            self.L[k] = {row: column[row] * self.inverse[k] for row in below}
+            for n, c in enumerate(below):
+                for row in below[n:]:
+                    lower[c][row] = lower[c].get(row, ca.SX(0)) - self.L[k][row] * column[c]
+
+    def solve(self, rhs: dict[int, ca.SX]) -> dict[int, ca.SX]:
+        """K^-1 rhs; rows that were left out have none."""
+        x = {k: rhs.get(k, ca.SX(0)) for k in self.order}
+        for k in self.order:
+            for row, entry in self.L[k].items():
+                x[row] = x[row] - entry * x[k]
+        for k in reversed(self.order):
+            x[k] = x[k] * self.inverse[k]
+            for row, entry in self.L[k].items():
+                x[k] = x[k] - entry * x[row]
+        return x

@@ -1,0 +1,140 @@
+"""Rows of a tree: those that close its loops, those that hold opened balls, and reactions of all of its joints."""
+
+from functools import cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from ....harness.mechanics.system import GROUND
+from ..rows.expressions import joint_numbers, row_expressions
+from .motion import ZERO, Motion, Wrench, weighted
+from .tree import Limb, snapped
+
+
+class Row(NamedTuple):
+    """One row: by velocities {number: entry}, phi, phi_dot, and phi_ddot at the accelerations of the motion."""
+
+    J: dict[int, ca.SX]
+    phi: ca.SX
+    rate: ca.SX
+    acceleration: ca.SX
+
+
+def rows(motion: Motion) -> list[Row]:
+    """Those of the cut joints."""
+    out = []
+    for k in motion.tree.cuts:
+        ends = int(motion.system.joint_i[k]), int(motion.system.joint_j[k])
+        A, phi, phi_t, gamma = _declared(motion, k)
+        below = _meeting(motion, *ends)
+        if any(b in motion.opened for e in ends for b in _below(motion, e, below)):
+            below = GROUND  # nothing meets there
+        balls = any(motion.limb[b].ball for e in ends for b in _below(motion, e, below))
+        for row in range(A.shape[0]):
+            J: dict[int, ca.SX] = {}
+            left = ZERO
+            rate, acceleration = phi_t[row], gamma[row]
+            for e, b in enumerate(ends):
+                if b == GROUND:
+                    continue
+                f, n = A[row, 6 * e : 6 * e + 3].T, A[row, 6 * e + 3 : 6 * e + 6].T
+                c, omega = motion.centre[b], motion.omega[b]
+                rate += ca.dot(f, motion.v[b] + ca.cross(omega, c)) + ca.dot(n, omega)
+                acceleration += ca.dot(f, motion.a[b] + motion.W[b] @ c) + ca.dot(n, motion.alpha[b])
+                load = Wrench(f, n + ca.cross(c, f))
+                for u, entry in motion.along(b, load, below):
+                    J[u] = J.get(u, 0) + entry
+                left = left + _left(motion, b, load, below) if balls else left
+            if below != GROUND:  # forces are in balance there; moments are not, if a ball passes none on
+                for u, entry in motion.along(below, Wrench(ZERO, left)):
+                    J[u] = J.get(u, 0) + entry
+            out.append(Row({u: x for u, x in J.items() if not x.is_zero()}, phi[row], rate, acceleration))
+    return out
+
+
+def held(motion: Motion) -> list[Row]:
+    """Rows that hold opened balls: what they free is what P of the parent does; nothing is left of it at rest."""
+    out = []
+    for b in motion.opened:
+        for k, e in motion.freed(b):
+            J = {u: -x for u, x in motion.along(motion.limb[b].parent, motion.passed_on(b, Wrench(e, ZERO)))}
+            out.append(Row({u: x for u, x in J.items() if not x.is_zero()} | {k: ca.SX(1)}, *[ca.SX(0)] * 3))
+    return out
+
+
+def row_loads(motion: Motion, lam: ca.SX) -> dict[int, Wrench]:
+    """Reactions of the cut joints on the bodies."""
+    out = {b: Wrench(ZERO, ZERO) for b in motion.limb}
+    at = 0
+    for k in motion.tree.cuts:
+        ends = int(motion.system.joint_i[k]), int(motion.system.joint_j[k])
+        A = _declared(motion, k)[0]
+        load = A.T @ lam[at : at + A.shape[0]]
+        at += A.shape[0]
+        for e, b in enumerate(ends):
+            if b != GROUND:
+                f, n = load[6 * e : 6 * e + 3], load[6 * e + 3 : 6 * e + 6]
+                out[b] = Wrench(out[b].f + f, out[b].n + n + ca.cross(motion.centre[b], f))
+    return out
+
+
+def reaction(motion: Motion, limb: Limb, load: Wrench) -> ca.SX:
+    """Of the rows of a joint of the tree that carries ``load``: they are orthonormal about the point of i."""
+    A = _declared(motion, limb.joint, at_joint=True)[0]
+    sign = 1.0 if limb.child_is_i else -1.0
+    way = motion.R[limb.parent] @ ca.SX(ca.DM(limb.beside))  # from P to the point of i
+    if not limb.child_is_i:
+        slides = motion.axes[limb.body].slides
+        way = way - weighted(slides, [motion.q[limb.q_at + k] for k in range(len(slides))])
+    return sign * (A[:, :3] @ load.f + A[:, 3:6] @ (load.n - ca.cross(way, load.f)))
+
+
+def _declared(motion: Motion, k: int, *, at_joint: bool = False) -> tuple[ca.SX, ...]:
+    """A, phi, phi_t, gamma of joint k, of V = (v of C, omega) of both ends; A alone with C ``at_joint``."""
+    s, ends = motion.system, (int(motion.system.joint_i[k]), int(motion.system.joint_j[k]))
+    numbers = joint_numbers(s, np.array([k]))[0]
+    i, j = (motion.frame(b).T for b in ends)
+    size = float(np.max(np.abs(numbers[:6]), initial=0.0))
+    for at, frame in ((0, i), (3, j), (6, i), (9, i), (12, j), (15, j), (18, j)):
+        numbers[at : at + 3] = snapped(numbers[at : at + 3] @ frame, size if at < 6 else 1.0)
+    if at_joint:
+        numbers[:6] = 0.0
+    x, V = [], []
+    for b in ends:
+        x += [ZERO if at_joint else motion.P[b] + motion.centre[b], ca.vec(motion.R[b].T)]
+        V += [motion.v[b] + ca.cross(motion.omega[b], motion.centre[b]), motion.omega[b]]
+    return _row_function(str(s.joint_kind(k)))(ca.vertcat(*x), ca.vertcat(*V), motion.t, numbers)
+
+
+def _path(motion: Motion, b: int) -> list[int]:
+    path = [b]
+    while b != GROUND:
+        b = motion.limb[b].parent
+        path.append(b)
+    return path
+
+
+def _meeting(motion: Motion, i: int, j: int) -> int:
+    """The last body that both hang on."""
+    above = set(_path(motion, j))
+    return next(b for b in _path(motion, i) if b in above)
+
+
+def _below(motion: Motion, b: int, below: int) -> list[int]:
+    """Bodies from b on that hang on ``below``."""
+    path = _path(motion, b)
+    return path[: path.index(below)]
+
+
+def _left(motion: Motion, b: int, load: Wrench, below: int) -> ca.SX:
+    """Moment of a load on b that reaches ``below``."""
+    while b != below:
+        load, b = motion.passed_on(b, load), motion.limb[b].parent
+    return load.n
+
+
+@cache
+def _row_function(kind: str) -> ca.Function:
+    e = row_expressions(kind, None, space=True)
+    return ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])

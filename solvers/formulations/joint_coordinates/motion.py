@@ -1,0 +1,273 @@
+"""Motion of a tree as expressions in its coordinates: poses, velocities, inertia, loads, in the base frame.
+
+Of each body, about its point P: mass m, h = m (C - P), inertia I. At accelerations a of P and alpha of the body
+
+    f = m (a - g) + W h,   n = I alpha + omega x I omega + h x (a - g),   W = [alpha]x + omega omega^T - omega^2
+
+of the tree's joints carry (f, n) of all bodies behind them (Newton-Euler), and H u_dot = (f, n) of unit accelerations
+of composite bodies. Behind a ball nothing turns with the parent: its moment is its own equation and is not passed on.
+"""
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from ....harness.mechanics import forces
+from ....harness.mechanics.declaring import Pose
+from ....harness.mechanics.system import GROUND, MultibodySystem
+from ..rows.expressions import force_numbers, time_function
+from ..rows.symbols import Symbol
+from .tree import Limb, Tree, snapped
+
+ZERO = ca.SX.zeros(3)
+DIRECTIONS = {"p_i": "i", "p_j": "j", "u": "i", "n": "j", "p": "i"}  # numbers of forces that are fixed in a body
+
+
+class Axes(NamedTuple):
+    """Directions in which the velocities of a limb move it, in the base frame."""
+
+    slides: list[ca.SX]
+    turns: list[ca.SX]
+
+
+class Wrench(NamedTuple):
+    """A force, and its moment about a body's P."""
+
+    f: ca.SX
+    n: ca.SX
+
+
+class Motion:
+    """A tree at ``y`` (coordinates, then velocities) and t; with ``u_dot`` also its accelerations, else those at 0.
+
+    ``opened`` balls carry nothing in ``inertia`` and ``rows``: P of each moves freely there, by three numbers more
+    behind the velocities, and three rows more hold it on its parent. H is sparse then, which long chains need.
+    """
+
+    def __init__(
+        self, system: MultibodySystem, tree: Tree, t: ca.SX, y: ca.SX, u_dot: ca.SX | None = None,
+        opened: Sequence[int] = (),
+    ) -> None:  # fmt: skip
+        self.system, self.tree, self.t, self.opened = system, tree, t, opened
+        self.q, self.u = y[: tree.nq], y[tree.nq :]
+        self._u_dot = u_dot if u_dot is not None else ca.SX.zeros(tree.nu)
+        self.limb = {limb.body: limb for limb in tree.limbs}
+        self.R, self.omega, self.alpha, self.W = ({GROUND: x} for x in (ca.SX.eye(3), ZERO, ZERO, ca.SX.zeros(3, 3)))
+        self.P, self.v, self.a = ({GROUND: ZERO} for _ in range(3))
+        self.axes, self.arm, self.h, self.centre = {}, {}, {}, {GROUND: ZERO}  # type: ignore[var-annotated]
+        for limb in tree.limbs:
+            self._move(limb)
+
+    def _move(self, limb: Limb) -> None:
+        b, p, ns = limb.body, limb.parent, len(limb.slides)
+        R, omega, alpha = self.R[p], self.omega[p], self.alpha[p]
+        q = [self.q[limb.q_at + k] for k in range(limb.sizes[0])]
+        u, u_dot = ([x[limb.u_at + k] for k in range(limb.sizes[1])] for x in (self.u, self._u_dot))
+        slides = [R @ ca.SX(ca.DM(a)) for a in limb.slides]
+        L = R @ ca.SX(ca.DM(limb.arm)) + weighted(slides, q)
+        across = weighted(slides, u)
+        self.arm[b], self.P[b] = L, self.P[p] + L
+        self.v[b] = self.v[p] + ca.cross(omega, L) + across
+        self.a[b] = self.a[p] + self.W[p] @ L + 2.0 * ca.cross(omega, across) + weighted(slides, u_dot)
+        turns = []
+        if limb.ball:
+            R, omega, alpha = _of_quaternion(q[ns:]), ca.vertcat(*u[ns:]), ca.vertcat(*u_dot[ns:])
+            turns = [ca.SX(ca.DM(a)) for a in np.eye(3)]
+        else:
+            for k, axis in enumerate(limb.turns):
+                turns.append(R @ ca.SX(ca.DM(axis)))
+                spin = turns[-1] * u[ns + k]
+                alpha = alpha + ca.cross(omega, spin) + turns[-1] * u_dot[ns + k]
+                omega = omega + spin
+                R = _turned(R, axis, q[ns + k])
+        self.R[b], self.omega[b], self.alpha[b], self.axes[b] = R, omega, alpha, Axes(slides, turns)
+        self.W[b] = ca.skew(alpha) + omega @ omega.T - ca.dot(omega, omega) * ca.SX.eye(3)
+        self.centre[b] = R @ ca.SX(ca.DM(limb.centre))
+        self.h[b] = self.system.mass[b] * self.centre[b]
+
+    def q_dot(self, u: ca.SX) -> ca.SX:
+        """Rates of the coordinates at velocities ``u``."""
+        out = []
+        for limb in self.tree.limbs:
+            ns, at, own = len(limb.slides), limb.q_at, u[limb.u_at : limb.u_at + limb.sizes[1]]
+            if limb.ball:
+                s, x = self.q[at + ns], self.q[at + ns + 1 : at + ns + 4]
+                own = ca.vertcat(own[:ns], -0.5 * ca.dot(own[ns:], x), 0.5 * (s * own[ns:] + ca.cross(own[ns:], x)))
+            out.append(own)
+        return ca.vertcat(*out) if out else ca.SX(0, 1)
+
+    def inertia(self) -> dict[int, dict[int, ca.SX]]:
+        """H by columns {row: entry}, both halves."""
+        H: dict[int, dict[int, ca.SX]] = {k: {} for k in range(self.tree.nu + 3 * len(self.opened))}
+        m, h, inertia = dict(enumerate(self.system.mass.tolist())), dict(self.h), dict(self.inertias())
+        for limb in reversed(self.tree.limbs):
+            b, p, L = limb.body, limb.parent, self.arm[limb.body]
+            for k, (f, n) in self._momenta(limb, m[b], h[b], inertia[b]):
+                for row, entry in self.along(b, Wrench(f, n)):
+                    if not entry.is_zero():
+                        H[k][row] = H[row][k] = entry
+            if p != GROUND and b not in self.opened:
+                carried = ZERO if limb.ball else h[b]
+                g = carried + 0.5 * m[b] * L
+                inertia[p] = inertia[p] + 2.0 * ca.dot(L, g) * ca.SX.eye(3) - L @ g.T - g @ L.T
+                inertia[p] = inertia[p] if limb.ball else inertia[p] + inertia[b]
+                h[p], m[p] = h[p] + carried + m[b] * L, m[p] + m[b]
+        return H
+
+    def inertias(self) -> dict[int, ca.SX]:
+        """Of each body about P."""
+        out = {}
+        for limb in self.tree.limbs:
+            b, c, F = limb.body, limb.centre, self.tree.frames[limb.body]
+            about_c = F @ self.system.regular_inertia[b] @ F.T
+            J = snapped(about_c + self.system.mass[b] * (c @ c * np.eye(3) - np.outer(c, c)))
+            out[b] = _symmetric(self.R[b] @ ca.SX(ca.DM(0.5 * (J + J.T))), self.R[b])
+        return out
+
+    def _momenta(self, limb: Limb, m: float, h: ca.SX, inertia: ca.SX) -> list[tuple[int, Wrench]]:
+        slides = [Wrench(m * w, ca.cross(h, w)) for w in self.axes[limb.body].slides]
+        turns = [Wrench(ca.cross(s, h), inertia @ s) for s in self.axes[limb.body].turns]
+        free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self.freed(limb.body)]
+        return [*enumerate([*slides, *turns], limb.u_at), *free]
+
+    def freed(self, b: int) -> list[tuple[int, ca.SX]]:
+        """Numbers of what an opened ball frees, and its directions."""
+        if b not in self.opened:
+            return []
+        at = self.tree.nu + 3 * self.opened.index(b)
+        return [(at + k, ca.SX(ca.DM(e))) for k, e in enumerate(np.eye(3))]
+
+    def along(self, b: int, load: Wrench, until: int = GROUND) -> list[tuple[int, ca.SX]]:
+        """(number of a velocity, power of ``load`` on b at it), from b down to where ``until`` begins."""
+        out = []
+        while b != until:
+            limb, axes = self.limb[b], self.axes[b]
+            entries = [*(ca.dot(w, load.f) for w in axes.slides), *(ca.dot(s, load.n) for s in axes.turns)]
+            out += list(enumerate(entries, limb.u_at))
+            if b in self.opened:
+                return [*out, *((k, ca.dot(e, load.f)) for k, e in self.freed(b))]
+            load, b = self.passed_on(b, load), limb.parent
+        return out
+
+    def passed_on(self, b: int, load: Wrench) -> Wrench:
+        """The load on b, about P of its parent, as far as its joint passes it on."""
+        n = ca.cross(self.arm[b], load.f)
+        return Wrench(load.f, n if self.limb[b].ball else n + load.n)
+
+    def carried(self, loads: dict[int, Wrench]) -> dict[int, Wrench]:
+        """What joints carry so that their bodies move as they do under ``loads``: (f, n) above."""
+        out, inertias = {}, self.inertias()
+        for b in self.limb:
+            m, h, omega, fall = self.system.mass[b], self.h[b], self.omega[b], self.a[b] - self._gravity()
+            spin = inertias[b] @ omega
+            n = inertias[b] @ self.alpha[b] + ca.cross(omega, spin) + ca.cross(h, fall)
+            out[b] = Wrench(m * fall + self.W[b] @ h - loads[b].f, n - loads[b].n)
+        for limb in reversed(self.tree.limbs):
+            b, p = limb.body, limb.parent
+            if p != GROUND:
+                more = self.passed_on(b, out[b])
+                out[p] = Wrench(out[p].f + more.f, out[p].n + more.n)
+        return out
+
+    def efforts(self, carried: dict[int, Wrench]) -> ca.SX:
+        """Their parts along the velocities."""
+        out = []
+        for limb in self.tree.limbs:
+            axes, (f, n) = self.axes[limb.body], carried[limb.body]
+            out += [*(ca.dot(w, f) for w in axes.slides), *(ca.dot(s, n) for s in axes.turns)]
+        return ca.vertcat(*out) if out else ca.SX(0, 1)
+
+    def _gravity(self) -> ca.SX:
+        return ca.SX(ca.DM(snapped(self.tree.base @ self.system.gravity)))
+
+    def applied(self) -> dict[int, Wrench]:
+        """Springs, dampers and loads on each body."""
+        out = {b: Wrench(ZERO, ZERO) for b in self.limb}
+        s = self.system
+        for kind, declared in forces.DECLARED.items():
+            for k, numbers in enumerate(force_numbers(s, kind)):
+                i = int(getattr(s, f"{kind}_i")[k])
+                j = int(getattr(s, f"{kind}_j")[k]) if declared.pair else GROUND
+                poses = self._pose(i), self._pose(j)
+                push = declared.push(*poses, self._force_numbers(kind, numbers, (i, j)))
+                force, torque, point = (ca.vertcat(*[_value(x) for x in part]) for part in push)
+                for b, sign in ((i, 1.0), (j, -1.0)):
+                    if b != GROUND:
+                        moment = torque + ca.cross(point - self.P[b], force)
+                        out[b] = Wrench(out[b].f + sign * force, out[b].n + sign * moment)
+        return out
+
+    def _force_numbers(self, kind: str, numbers: np.ndarray, ends: tuple[int, int]) -> SimpleNamespace:
+        parts: dict[str, Any] = {}
+        at, declared = 0, forces.DECLARED[kind]
+        follows = kind == "load" and bool(numbers[9])
+        for name, shape in declared.numbers.items():
+            size = 7 if name == "factor" else int(np.prod(shape))
+            own, at = numbers[at : at + size], at + size
+            if name == "factor":
+                parts[name] = Symbol(time_function(ca.SX(ca.DM(own)), self.t))
+            elif shape:
+                end = DIRECTIONS.get(name) or ("i" if follows else "")
+                frame = self.frame(ends["ij".index(end)]) if end else self.tree.base
+                parts[name] = _symbols(snapped(own.reshape(-1, 3) @ frame.T).reshape(shape))
+            else:
+                parts[name] = Symbol(ca.SX(float(own[0])))
+        return SimpleNamespace(**parts)
+
+    def frame(self, b: int) -> np.ndarray:
+        """From body b, or from space, to the base, at the start."""
+        return self.tree.frames[b] if b != GROUND else self.tree.base
+
+    def _pose(self, b: int) -> Pose:
+        C = self.P[b] + self.centre[b]
+        v = self.v[b] + ca.cross(self.omega[b], self.centre[b])
+        return Pose(*(_symbols(x) for x in (C, self.R[b], v, self.omega[b])))
+
+
+def weighted(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
+    """Sum of directions times values."""
+    out = ZERO
+    for a, x in zip(directions, values, strict=False):
+        out = out + a * x
+    return out
+
+
+def _of_quaternion(q: Sequence[ca.SX]) -> ca.SX:
+    s, x, y, z = q
+    return ca.vertcat(
+        ca.horzcat(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - s * z), 2.0 * (x * z + s * y)),
+        ca.horzcat(2.0 * (x * y + s * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - s * x)),
+        ca.horzcat(2.0 * (x * z - s * y), 2.0 * (y * z + s * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+
+
+def _turned(R: ca.SX, axis: np.ndarray, angle: ca.SX) -> ca.SX:
+    """R exp(angle hat(axis)): two columns, and the third normal to them."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    along = np.outer(axis, axis)
+    turn = c * ca.SX(ca.DM(np.eye(3) - along)) + s * ca.skew(ca.SX(ca.DM(axis))) + ca.SX(ca.DM(along))
+    x, z = R @ turn[:, 0], R @ turn[:, 2]
+    return ca.horzcat(x, ca.cross(z, x), z)
+
+
+def _symmetric(RJ: ca.SX, R: ca.SX) -> ca.SX:
+    """RJ R^T, whose halves are the same expressions."""
+    out = ca.SX.zeros(3, 3)
+    for a in range(3):
+        for c in range(a + 1):
+            out[a, c] = out[c, a] = ca.dot(RJ[a, :].T, R[c, :].T)
+    return out
+
+
+def _symbols(a: Any) -> np.ndarray:
+    if isinstance(a, np.ndarray):
+        return np.array([Symbol(ca.SX(float(x))) for x in a.ravel()], dtype=object).reshape(a.shape)
+    out = np.array([Symbol(a[r, c]) for r in range(a.shape[0]) for c in range(a.shape[1])], dtype=object)
+    return out.reshape(a.shape if a.shape[1] > 1 else a.shape[0])
+
+
+def _value(x: Any) -> Any:
+    return x.x if isinstance(x, Symbol) else x

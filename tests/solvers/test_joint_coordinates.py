@@ -1,0 +1,163 @@
+"""Code of a mechanism in joint coordinates: the judge's accelerations, orders, symmetries, and no wrong success."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.execution.presenting import present_solver
+from mbsbench.harness.mechanics.index1 import index_1
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate
+from mbsbench.harness.mechanics.state import State, States
+from mbsbench.harness.mechanics.system import MultibodySystem
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.solvers.formulations.joint_coordinates.code import make_code
+from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, spanning_tree
+
+from .arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
+from .arbitrary_systems import consistent, linkage, with_user_forces
+from .runs import error
+
+PRESENTED = ({"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}, {"rotation": (0.3, -0.5, 0.7)})
+
+
+def solve(problem: Problem, rtol: float, solver: str = "dop853_joint") -> Trajectory:
+    """A run that must succeed."""
+    out = present_solver(make_solver(solver), problem).solve(problem, StepControl(rtol=rtol))
+    assert out.status is Status.SUCCESS, out.message
+    return out
+
+
+def check_accelerations(system: MultibodySystem, start: State, *, seed: int = 0, bound: float = 1e-12) -> None:
+    """Those of the code, at coordinates and velocities away from the start, against the judge's."""
+    random, tree = np.random.default_rng(seed), spanning_tree(system, start)
+    code = make_code(system, tree)
+    n, nb = len(tree.start), system.nb
+    y = tree.start + 0.1 * random.standard_normal(n) * (np.arange(n) >= tree.nq if tree.cuts else 1.0)
+    t, after, y_dot, lam, guard = np.array([0.3]), np.zeros(n), np.zeros(n), np.zeros(code.rows), np.zeros(2)
+    r, R, v, v_dot = np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6))
+    reaction = np.zeros(system.nrows)
+
+    def call(name: str, *arrays: np.ndarray) -> None:
+        code.code.function(name, len(arrays))(*(a.ctypes.data for a in arrays))
+
+    for _ in range(12):  # onto the loops
+        call("finish", t, y, after, y_dot, lam, guard)
+        y[:] = after
+    call("finish", t, y, after, y_dot, lam, guard)
+    call("record", t, y, y_dot, lam, r, R, v, v_dot, reaction)
+    state = State(r, R, v[:, :3].copy(), v[:, 3:].copy(), float(t[0]))
+    assert np.max(np.abs(constraint(system, States.one(state))), initial=0.0) < 1e-13
+    assert np.max(np.abs(constraint_rate(system, States.one(state))), initial=0.0) < 1e-12
+    judge = index_1(system, States.one(state))
+    assert np.max(np.abs(v_dot - judge.a[0])) < bound * max(1.0, float(np.max(np.abs(judge.a))))
+    load = (constraint_jacobian(system, state).T @ reaction).reshape(nb, 6)
+    assert np.max(np.abs(load - judge.load[0])) < 1e-11 * max(1.0, float(np.max(np.abs(judge.load))))
+
+
+@pytest.mark.parametrize("ground", [True, False])
+@pytest.mark.parametrize("kind", KINDS)
+def test_accelerations_of_each_joint_are_the_judges(kind: str, ground: bool) -> None:
+    """Newton and Euler leave no choice of accelerations, nor of the load of the joints."""
+    check_accelerations(*one_joint(kind, ground=ground))
+
+
+@pytest.mark.parametrize("kind", MOVING)
+def test_accelerations_with_drives_and_rates_are_the_judges(kind: str) -> None:
+    """Rows of drives and of velocities alone are cut, whatever they drive; loads here are functions of time."""
+    system = moving_rows(kind)
+    bound = 1e-11 if kind == "rack and pinion" else 1e-12  # the judge's A_dot v are differences, here of sines of x / r
+    check_accelerations(system, dataclasses.replace(consistent(system, 3), t=0.0), bound=bound)
+
+
+def test_accelerations_of_a_row_of_all_joints_are_the_judges() -> None:
+    """Trees of hinges behind balls behind slides, and loops where a joint is none of a tree."""
+    system = all_joints()
+    check_accelerations(system, consistent(system, 5))
+
+
+@pytest.mark.parametrize("springs", [False, True])
+def test_accelerations_of_a_closed_linkage_are_the_judges(springs: bool) -> None:
+    """Balls on both sides of the cut joint: its moments meet in bodies that pass none on."""
+    system = linkage(springs=springs)
+    check_accelerations(system, consistent(system, 2))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_accelerations_of_random_mechanisms_are_the_judges(seed: int) -> None:
+    """Trees and loops of all kinds of joints, springs and loads."""
+    problem = make_problem("random_mechanism", {"seed": seed, "bodies": 5, "loops": 2})
+    check_accelerations(problem.system, problem.initial)
+
+
+@pytest.mark.parametrize("name", ["heavy_top", "four_bar_grid", "driven_slider_crank"])
+def test_errors_fall_with_the_tolerance(name: str) -> None:
+    """Each tolerance is a thousandth of the one before; the steps are of order eight, errors of about its power."""
+    problem = make_problem(name, {"rows": 2, "columns": 2} if name == "four_bar_grid" else {})
+    problem = dataclasses.replace(problem, t_end=1.0)
+    fine = solve(problem, 1e-13, "rkmk_dop853").states.r[-1]
+    errors = [float(np.max(np.abs(solve(problem, rtol).states.r[-1] - fine))) for rtol in (1e-4, 1e-7, 1e-10)]
+    assert errors[1] < errors[0] / 50.0
+    assert errors[2] < errors[1] / 50.0
+    assert errors[2] < 1e-8
+
+
+@pytest.mark.parametrize("name", ["four_bar_grid", "heavy_top", "slider_crank"])
+@pytest.mark.parametrize("presented_as", PRESENTED)
+def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, presented_as: dict[str, object]) -> None:
+    """The base frame is laid along a hinge and gravity, and vectors have tolerances by their length."""
+    size = {"rows": 2, "columns": 2} if name == "four_bar_grid" else {}
+    plain, other = (make_problem(name, {**size, "t_end": 1.0, **more}) for more in ({}, presented_as))
+    steps = [len(solve(problem, 1e-6).t) for problem in (plain, other)]
+    if "renumber" in presented_as:  # another tree where there are loops
+        assert abs(steps[1] - steps[0]) <= 0.2 * steps[0]
+    else:
+        assert steps[0] == steps[1]
+    if name != "slider_crank":
+        errors = [error(problem, solve(problem, 1e-6)) for problem in (plain, other)]
+        assert abs(errors[1] - errors[0]) < 0.01 * errors[0]
+
+
+def test_a_tilt_that_defeats_folding_leaves_the_motion() -> None:
+    """A hinge 1e-9 out of line makes spatial code of a planar mechanism, and a motion 1e-9 away."""
+    problem = make_problem("damped_linkage", {"t_end": 1.0})
+    system = problem.system
+    u = system.joint_u.copy()
+    u[0] += 1e-9 * np.array([0.6, 0.5, -0.4])
+    tilted = dataclasses.replace(problem, system=dataclasses.replace(system, joint_u=u))
+    sizes = [make_code(p.system, spanning_tree(p.system, p.initial)).operations for p in (problem, tilted)]
+    assert sizes[1] > 1.2 * sizes[0]
+    planar, spatial = (solve(p, 1e-10).states.r[-1] for p in (problem, tilted))
+    assert np.max(np.abs(planar - spatial)) < 1e-8
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+def test_where_the_rank_changes_the_kernel_takes_over(rtol: float) -> None:
+    """Pivots vanish when bars of all rows come into line: the run says so and goes on with rows chosen anew."""
+    problem = make_problem("four_bar_grid", {"release": "all_rows"})
+    out = solve(problem, rtol)
+    assert error(problem, out) < 0.05  # 1 % of the reach, what is lost at 1e-4 where all rows nearly stop
+    assert out.t[-1] == problem.t_end
+    assert any("kernel" in note for note in out.notes) or rtol > 1e-8
+
+
+def test_user_forces_are_refused() -> None:
+    """A user's law has no expression that is sure to be its own."""
+    problem = make_problem("heavy_top")
+    pushed = dataclasses.replace(problem, system=with_user_forces())
+    reason = make_solver("dop853_joint").refuses(pushed, StepControl(rtol=1e-6))
+    assert reason is not None
+    assert "user forces" in reason
+
+
+def test_mechanisms_that_need_too_much_code_are_refused_at_once() -> None:
+    """Code beyond the processor's caches is slower than the kernel, and takes a minute to make."""
+    problem = make_problem("chain", {"links": 300})
+    assert "operations" in (make_solver("dop853_joint").refuses(problem, StepControl(rtol=1e-6)) or "")
+
+
+def test_every_kind_of_a_tree_is_declared() -> None:
+    """A kind that is renamed would be cut without a word."""
+    assert set(MOTIONS) <= {str(kind) for kind in KINDS}
