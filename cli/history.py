@@ -2,15 +2,15 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from rich.text import Text
 
 from ..harness.catalogue.options import nearest
 from ..harness.files import FileError
-from ..harness.results.history import METRICS, Row, find_histories, load_history, read_rows, write_rows
+from ..harness.results.history import find_histories, load_history, read_rows, write_rows
+from ..harness.results.rows import METRICS, Row
 from ..harness.results.store import StoreError
-from .arguments import UsageError, check_writable, find_results, subcommand
+from .arguments import UsageError, check_writable, find_results
 from .terminal import Column, error_console, number, plural, print_json, print_table, sparkline
 
 COLUMNS = (
@@ -19,16 +19,6 @@ COLUMNS = (
     Column("last status", right=False, rank=1),
 )  # fmt: skip
 WIDTH = 16  # characters of a sparkline
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    p = subcommand(commands, "history", run, "show each run's results over time and commits", "one object per row")
-    p.add_argument("source", nargs="*", help="results folders and .jsonl files (default: all there are)")
-    p.add_argument("--metric", default="energy_drift_max_J", metavar="NAME", help=f"one of {', '.join(METRICS)}")
-    p.add_argument("--problem", metavar="NAME", help="only this problem")
-    p.add_argument("--solver", metavar="NAME", help="only this solver")
-    p.add_argument("--write", metavar="FILE.jsonl", help="write the rows to a file, e.g. in results/history/")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,22 +1,11 @@
 """``report``: the web pages of a results folder, or the comparison of two."""
 
 import argparse
-from pathlib import Path
-from typing import Any
 
 from ..harness.places import Place
 from ..harness.results.store import StoreError
-from .arguments import RESULTS, UsageError, find_results, subcommand
+from .arguments import UsageError, find_results
 from .terminal import console
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    p = subcommand(commands, "report", run, "write the report of a results folder, or compare two")
-    results = f"{RESULTS} (default: the newest); two of them are compared"
-    p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
-    out = "where to write a comparison (default: report/ in the second)"
-    p.add_argument("--out", type=Path, metavar="DIR", help=out)
 
 
 def run(arguments: argparse.Namespace) -> int:

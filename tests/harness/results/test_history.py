@@ -11,14 +11,13 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError, to_json, write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.history import (
-    METRICS,
-    Row,
     find_histories,
     load_history,
     read_rows,
     write_rows,
 )
 from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.rows import METRICS, Row
 
 
 def folder(place, name, commit, started, cpu="one", **specs: tuple[str, float, float]):
