@@ -3,7 +3,6 @@
 import argparse
 
 from ..harness.places import Place
-from ..harness.results.store import StoreError
 from .arguments import UsageError, find_results
 from .terminal import console
 
@@ -18,15 +17,12 @@ def run(arguments: argparse.Namespace) -> int:
     from ..reports.pages.change.compare import write_compare  # here: they take a second to load
     from ..reports.site import build
 
-    try:
-        out = Place(folders[-1]) / "report" if arguments.out is None else Place(arguments.out)
-        if arguments.out is not None:
-            arguments.out.mkdir(parents=True, exist_ok=True)
-        if len(folders) == 2:
-            index = write_compare(folders[0], folders[1], out)
-        else:
-            index = build(folders[0])
-    except StoreError as error:
-        raise UsageError(str(error)) from None
+    if len(folders) == 1:
+        index = build(folders[0])
+    elif arguments.out is None:
+        index = write_compare(folders[0], folders[1], Place(folders[1]) / "report")
+    else:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        index = write_compare(folders[0], folders[1], Place(arguments.out))
     console().print(f"report: {index}")
     return 0

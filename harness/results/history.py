@@ -22,11 +22,6 @@ GATES = "history"  # beside the results folders: rows of runs that were judged b
 SAME = ("suite", "settings_id", "case", "label", "problem", "solver", "status")  # as in a record
 
 
-def load_history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, ...]:
-    """All rows, the oldest first, without duplicates."""
-    return merge_rows([*map(read_folder, folders)], [*map(read_rows, files)])
-
-
 def read_folder(folder: Path) -> list[Row]:
     """The rows of a results folder."""
     return make_rows(
