@@ -34,7 +34,7 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if a solver meets the error."""
+    """Print the solvers, the cheapest first; return 0 if one meets the error, else 1."""
     name, parameters, plugins = load_problem(arguments)
     error, budget = arguments.error, arguments.budget
     problem = make_problem(name, parameters)

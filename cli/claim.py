@@ -24,7 +24,7 @@ from .terminal import console, error_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0; 1 where the verdicts of the runs made now are not the published ones."""
+    """Print the claim; return 1 if the verdicts of runs made now differ from the published ones, else 0."""
     register = read_register()
     known = {c.id: c for c in register.claims}
     if arguments.claim not in known:

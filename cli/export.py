@@ -11,7 +11,7 @@ from .terminal import console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0."""
+    """Print or write the problem; return 0."""
     name, parameters, _ = load_problem(arguments)
     text = to_json(describe_problem(make_problem(name, parameters)), indent=1)
     if arguments.out is None:

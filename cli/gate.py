@@ -46,7 +46,7 @@ COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#",
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if nothing failed and something was judged, else 1."""
+    """Judge the runs, or propose thresholds; return 1 if the gate is closed, else 0."""
     for file in filter(None, (arguments.junit, arguments.markdown)):
         _clear(Path(file))
     arguments.results = arguments.results and find_results(arguments.results)

@@ -38,7 +38,7 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0, or 1 where published verdicts are others, or of older code, and new ones are not published now."""
+    """Judge and print the claims; return 1 if the published verdicts differ or are of older code, else 0."""
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = arguments.results
     published = Place(Path(arguments.published)) if arguments.published else PUBLISHED

@@ -57,7 +57,7 @@ KINDS = ("problems", "solvers")
 
 
 def print_all(plain: Entry, out: "Console") -> None:
-    """Everything."""
+    """Print every problem, solver and suite."""
     out.print("[bold]Problems[/bold]   --problem-set name=value\n")
     for p in plain["problems"]:
         _print_problem(p, plain, out)

@@ -8,7 +8,7 @@ from .terminal import console, plural, print_json, print_unreadable
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 when every record could be read and no run contradicts another, else 1."""
+    """Merge the folders; return 0 if every record could be read and no run contradicts another, else 1."""
     done = merge(Path(arguments.out), arguments.sources)
     code = 1 if done.unreadable or done.conflicts else 0
     if arguments.json:

@@ -28,7 +28,7 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if every motion is a success, else by the worst: 2 not judged, 1 not lawful, 3 inaccurate."""
+    """Judge each file; return the code of the worst: 2 not judged, 1 not lawful, 3 inaccurate, 0 success."""
     name, parameters, _ = load_problem(arguments)
     problem = make_problem(name, parameters)
     given = [Path(f) for f in arguments.files]

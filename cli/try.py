@@ -29,7 +29,7 @@ NET = 10.0  # times the CPU time that is left: a stage that takes longer on the 
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if nothing falls short and nothing is left out."""
+    """Run the stages and print the findings; return 0 if nothing falls short and nothing is left out, else 1."""
     plugins, names = resolve_entries(arguments.file)
     own = [n for n in names if n in registry.solvers()]
     if len(own) != 1:

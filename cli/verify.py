@@ -27,7 +27,7 @@ from .terminal import console, print_unreadable
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if the sample agrees: bit for bit on the same code and platform, else within platform differences."""
+    """Return 0 if the sample agrees: bit for bit on the same code and platform, else within platform differences."""
     folder = arguments.results
     plugins = load_plugins(arguments.plugin)
     loaded = store.load(folder)

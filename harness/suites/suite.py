@@ -1,6 +1,6 @@
 """Suites: TOML files that name the runs to run, products written as lists. Everything is checked before anything runs.
 
-What a file may say is in ``shape.py``. A run met again through an include is kept as first met, label and limits
+The keys of a file are in ``shape.py``. A run met again through an include is kept as first met, label and limits
 included; twice in one file it is an error.
 """
 
