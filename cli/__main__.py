@@ -1,15 +1,16 @@
 """``mbsbench``, the command line. Exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
 
-import importlib
 import io
 import os
 import signal
 import sys
-from types import ModuleType
+from importlib import import_module
+from importlib.metadata import version
 from typing import NoReturn
 
 from ..harness.results.environment import THREADS
-from .parser import UsageError, read_summaries, top_parser
+from .commands import add_commands
+from .parser import UsageError, top_parser
 
 INTERRUPTED = {
     "run": "interrupted; finished runs are kept (--resume continues)",
@@ -22,28 +23,34 @@ os.environ.update(THREADS)  # before numpy is loaded, which reads them once
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse and run a subcommand; returns the exit code. Without one, or with --help, the list of commands: 0."""
-    given = sys.argv[1:] if arguments is None else arguments
-    parsed = None
+    words = sys.argv[1:] if arguments is None else arguments
+    command = ""
     try:
-        if not given or given[0] in ("-h", "--help", "--version"):
-            sys.stdout.write(f"mbsbench {_read_version()}\n" if given[:1] == ["--version"] else _format_overview())
-            return 0
         parser, commands = top_parser()
-        for command in import_commands(given[0]):
-            command.add(commands)
-        parsed = parser.parse_args(given)
-        return int(parsed.run(parsed))
+        add_commands(commands)
+        if not words or words[0] in ("-h", "--help", "--version"):
+            sys.stdout.write(
+                f"mbsbench {version('mbsbench')}\n" if words[:1] == ["--version"] else parser.format_help()
+            )
+            return 0
+        if words[0] not in commands.choices:
+            names = ", ".join(commands.choices)
+            raise UsageError(
+                f"argument COMMAND: invalid choice: {words[0]!r} (choose from {names}; see mbsbench --help)"
+            )
+        parsed = parser.parse_args(words)
+        command = parsed.command
+        return int(import_module(f".{command}", __package__).run(parsed))
     except KeyboardInterrupt:
-        asked = str(parsed.run.__module__).rpartition(".")[2] if parsed is not None else ""
-        if asked not in OWN_MESSAGE:
-            sys.stderr.write(f"{INTERRUPTED.get(asked, 'interrupted')}\n")
+        if command not in OWN_MESSAGE:
+            sys.stderr.write(f"{INTERRUPTED.get(command, 'interrupted')}\n")
         return 130
     except BrokenPipeError:  # the output pipe is closed (head, less): part of the output is lost, so no success
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 128 + signal.SIGPIPE
     except (ValueError, OSError, RuntimeError) as error:
-        code, words = _explain(error)
-        sys.stderr.write(f"error: {' '.join(words.split())}\n")
+        code, explanation = _explain(error)
+        sys.stderr.write(f"error: {' '.join(explanation.split())}\n")
         return code
 
 
@@ -61,31 +68,6 @@ def _explain(error: Exception) -> tuple[int, str]:
     if isinstance(error, PoolError):
         return 1, str(error)
     raise error
-
-
-def _format_overview() -> str:
-    """The text of --help; no command is imported for it."""
-    parser, commands = top_parser()
-    for name, (_, summary) in read_summaries().items():
-        commands.add_parser(name, help=summary)
-    return parser.format_help()
-
-
-def _read_version() -> str:
-    """Version of the installed package."""
-    from importlib.metadata import version
-
-    return version("mbsbench")
-
-
-def import_commands(asked: str = "") -> list[ModuleType]:
-    """The modules of all commands, or that of the one asked for."""
-    known = read_summaries()
-    if asked and asked not in known:
-        names = ", ".join(known)
-        raise UsageError(f"argument COMMAND: invalid choice: {asked!r} (choose from {names}; see mbsbench --help)")
-    modules = [module for name, (module, _) in known.items() if asked in ("", name)]
-    return [importlib.import_module(f".{module}", __package__) for module in modules]
 
 
 def _exit_on_signal(number: int, frame: object) -> NoReturn:

@@ -5,7 +5,6 @@ import json
 import math
 import tempfile
 from pathlib import Path
-from typing import Any
 
 from rich.text import Text
 
@@ -19,16 +18,9 @@ from ..harness.sandbox.trial import make_problem
 from ..harness.suites.suite import Suite
 from ..harness.types import Problem
 from .arguments import (
-    RESULTS,
     UsageError,
-    add_jobs,
-    add_plugin,
-    add_problem,
     count_jobs,
-    find_results,
     load_problem,
-    positive_float,
-    subcommand,
 )
 from .progress import run_watched
 from .terminal import Column, number, print_json, print_table, status_style
@@ -41,23 +33,8 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "find the cheapest solver and setting that meet an error on a problem; exit code 1 if none does"
-    p = subcommand(commands, "advise", run, words, "one object a solver, the cheapest first")
-    add_problem(p)
-    p.add_argument("--error", required=True, type=positive_float, metavar="X", help="largest motion error allowed [m]")
-    budget = "CPU time for all runs, checked after each round of runs, about [s] (default: 120)"
-    p.add_argument("--budget", type=positive_float, default=120.0, metavar="S", help=budget)
-    p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
-    kept = f"read the runs of this {RESULTS}; run nothing"
-    p.add_argument("--from", dest="results", type=find_results, metavar="RESULTS", help=kept)
-    add_plugin(p)
-    add_jobs(p)
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """0 if a solver meets the error."""
+    """Print the solvers, the cheapest first; return 0 if one meets the error, else 1."""
     name, parameters, plugins = load_problem(arguments)
     error, budget = arguments.error, arguments.budget
     problem = make_problem(name, parameters)

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..harness.cache import ROOT, is_checkout
-from .parser import Parser as Parser
 from .parser import UsageError as UsageError
-from .parser import subcommand as subcommand
 
 RESULTS = "results folder: a path, or a name in results/local/"
 

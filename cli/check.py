@@ -3,7 +3,6 @@
 import argparse
 import tempfile
 from pathlib import Path
-from typing import Any
 
 from rich.text import Text
 
@@ -13,22 +12,14 @@ from ..harness.conformance.problem import check_problem
 from ..harness.conformance.solver import check_solver, suite_of
 from ..harness.execution.runner import Request
 from ..harness.results.findings import Finding
-from .arguments import UsageError, add_jobs, count_jobs, load_plugins, subcommand
+from .arguments import UsageError, count_jobs, load_plugins
 from .findings import print_findings
 from .progress import run_watched
 from .terminal import console
 
 
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "test the requirements on a solver or problem, with the number measured; exit code 1 if one is not met"
-    p = subcommand(commands, "check", run, words, "one object per requirement")
-    p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver or problem")
-    add_jobs(p)
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """0 if every requirement is met, else 1."""
+    """Print the findings on each entry; return 0 if every requirement is met, else 1."""
     size = count_jobs(arguments.jobs)
     loaded, names = resolve_entries(arguments.plugin)
     findings: list[Finding] = []

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ..harness.catalogue.options import nearest
 from ..harness.execution.runner import Request, last_folder, new_folder
@@ -19,25 +18,13 @@ from ..harness.results.judgements.claims import Claim
 from ..harness.results.judgements.files import FOLDER, PUBLISHED, format_judgement, read_claims
 from ..harness.suites.suite import Suite
 from ..reports.model import claim_words
-from .arguments import RESULTS, UsageError, add_jobs, count_jobs, find_results, subcommand
+from .arguments import UsageError, count_jobs, find_results
 from .progress import run_watched
 from .terminal import console, error_console
 
 
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "show a claim of the paper with its verdicts, why and where it was tried, or make its runs and judge it"
-    p = subcommand(commands, "claim", run, words, "the claim")
-    p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
-    judged = f"{RESULTS}, judged (default: as published)"
-    p.add_argument("results", nargs="?", metavar="RESULTS", help=judged)
-    p.add_argument("--run", dest="make", action="store_true", help="make the runs of its map alone, and judge these")
-    p.add_argument("--out", metavar="DIR", help="with --run: results folder (default: results/local/claim-ID-<time>)")
-    add_jobs(p)
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """0; 1 where the verdicts of the runs made now are not the published ones."""
+    """Print the claim; return 1 if the verdicts of runs made now differ from the published ones, else 0."""
     register = read_register()
     known = {c.id: c for c in register.claims}
     if arguments.claim not in known:

@@ -2,14 +2,14 @@
 
 import argparse
 import dataclasses
-from typing import Any
 
 from rich.text import Text
 
 from ..harness.results import store
 from ..harness.results.comparison import Comparison, Likeness, compare
 from ..harness.results.provenance import Difference, describe_differences, find_differences, stamp_of
-from .arguments import RESULTS, UsageError, find_results, positive_int, subcommand
+from .arguments import UsageError
+from .commands import CHANGES
 from .terminal import Column, plural, print_json, print_table, print_unreadable
 
 COLUMNS = (
@@ -17,21 +17,10 @@ COLUMNS = (
     Column("before", rank=1), Column("after"), Column("relative", rank=2),
 )  # fmt: skip
 STYLE = {Likeness.CHANGED: "bold red", Likeness.ROUNDING: "yellow", Likeness.SAME: "green"}
-SHOWN = 40  # changes
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "compare two results folders; exit code 0 if identical, 1 if not"
-    p = subcommand(commands, "diff", run, words, "one object")
-    p.add_argument("before", type=find_results, metavar="BEFORE", help=RESULTS)
-    p.add_argument("after", type=find_results, metavar="AFTER", help=RESULTS)
-    limit = f"changes shown, largest first (default: {SHOWN})"
-    p.add_argument("--limit", type=positive_int, metavar="N", default=SHOWN, help=limit)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 when both hold the same runs with the same numbers, bit for bit, else 1."""
+    """Print the changes; return 0 if both hold the same runs with the same numbers, bit for bit, else 1."""
     folders = [arguments.before, arguments.after]
     loaded = [store.load(f) for f in folders]
     if not any(part.records for part in loaded):
@@ -43,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if found.same else 1
 
 
-def show_comparison(found: Comparison, inputs: list[Difference], limit: int = SHOWN, *, json: bool = False) -> None:
+def show_comparison(found: Comparison, inputs: list[Difference], limit: int = CHANGES, *, json: bool = False) -> None:
     """The table of changes and the inputs that differ, or all of them as JSON."""
     if json:
         changes = [{**dataclasses.asdict(c), "likeness": str(c.likeness)} for c in found.changes]

@@ -31,15 +31,12 @@ from ..harness.results.reproduce import REFEREED
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite, load_suite
 from .arguments import (
-    RESULTS,
     UsageError,
-    add_running,
     check_not_installed,
     check_writable,
     count_jobs,
     find_results,
     load_plugins,
-    subcommand,
 )
 from .findings import STYLE, print_findings
 from .progress import run_watched
@@ -48,27 +45,8 @@ from .terminal import console, print_json
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
 
 
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "run a suite and compare it with thresholds; exit code 0 if the gate is open, 1 if closed"
-    p = subcommand(commands, "gate", run, words, "one object")
-    p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
-    p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
-    p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
-    p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
-    p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
-    p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
-    spread = "with --update: bounds around N repeats that differ by rounding"
-    p.add_argument("--spread", type=int, metavar="N", help=spread)
-    p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
-    p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
-    p.add_argument("--junit", metavar="FILE", help="write the result as JUnit XML")
-    p.add_argument("--markdown", metavar="FILE", help="write failed and moved thresholds as Markdown")
-    add_running(p)
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """0 if nothing failed and something was judged, else 1."""
+    """Judge the runs, or propose thresholds; return 1 if the gate is closed, else 0."""
     for file in filter(None, (arguments.junit, arguments.markdown)):
         _clear(Path(file))
     arguments.results = arguments.results and find_results(arguments.results)

@@ -1,16 +1,16 @@
 """``history``: how the result of each run has developed over results folders and commits."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.text import Text
 
 from ..harness.catalogue.options import nearest
 from ..harness.files import FileError
-from ..harness.results.history import METRICS, Row, find_histories, load_history, read_rows, write_rows
-from ..harness.results.store import StoreError
-from .arguments import UsageError, check_writable, find_results, subcommand
+from ..harness.results.history import find_histories, merge_rows, read_folder, read_rows, write_rows
+from ..harness.results.rows import METRICS, Row
+from .arguments import UsageError, check_writable, find_results
 from .terminal import Column, error_console, number, plural, print_json, print_table, sparkline
 
 COLUMNS = (
@@ -21,23 +21,13 @@ COLUMNS = (
 WIDTH = 16  # characters of a sparkline
 
 
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    p = subcommand(commands, "history", run, "show each run's results over time and commits", "one object per row")
-    p.add_argument("source", nargs="*", help="results folders and .jsonl files (default: all there are)")
-    p.add_argument("--metric", default="energy_drift_max_J", metavar="NAME", help=f"one of {', '.join(METRICS)}")
-    p.add_argument("--problem", metavar="NAME", help="only this problem")
-    p.add_argument("--solver", metavar="NAME", help="only this solver")
-    p.add_argument("--write", metavar="FILE.jsonl", help="write the rows to a file, e.g. in results/history/")
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Print one line per run; 1 if something could not be read."""
     if arguments.metric not in METRICS:
         raise UsageError(f"unknown metric {arguments.metric!r}{nearest(arguments.metric, list(METRICS))}")
     if arguments.write:
         check_writable(Path(arguments.write))
-    rows, bad = _load_rows(arguments.source)
+    rows, unreadable = _load_rows(arguments.source)
     problem, solver = arguments.problem, arguments.solver
     rows = [r for r in rows if problem in (None, "", r.problem) and solver in (None, "", r.solver)]
     if arguments.write:
@@ -47,31 +37,30 @@ def run(arguments: argparse.Namespace) -> int:
             print_json(row)
     else:
         _print_rows(rows, arguments.metric)
-    for line in bad:
+    for line in unreadable:
         error_console().print(line)
-    return 1 if bad else 0
+    return 1 if unreadable else 0
 
 
-def _load_rows(sources: list[str]) -> tuple[list[Row], list[str]]:
+def _load_rows(sources: list[str]) -> tuple[Sequence[Row], list[str]]:
     """The rows, and which files could not be read; a file that was named must be readable."""
     if sources:
         files = [Path(s) for s in sources if s.endswith(".jsonl")]
-        return list(load_history([find_results(s) for s in sources if not s.endswith(".jsonl")], files)), []
-    folders, files = find_histories()
-    bad = []
-    for file in list(files):
+        folders = [find_results(s) for s in sources if not s.endswith(".jsonl")]
+    else:
+        folders, files = find_histories()
+    rows, unreadable = [], []
+    for file in files:
         try:
-            read_rows(file)
+            rows.append(read_rows(file))
         except FileError as error:
-            bad.append(f"unreadable: {error}")
-            files.remove(file)
-    try:
-        return list(load_history(folders, files)), bad
-    except StoreError as error:  # a folder removed meanwhile
-        raise UsageError(str(error)) from None
+            if sources:
+                raise
+            unreadable.append(f"unreadable: {error}")
+    return merge_rows([*map(read_folder, folders)], rows), unreadable
 
 
-def _print_rows(rows: list[Row], metric: str) -> None:
+def _print_rows(rows: Sequence[Row], metric: str) -> None:
     by_run: dict[str, list[Row]] = {}
     for r in rows:
         by_run.setdefault(r.settings_id, []).append(r)

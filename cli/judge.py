@@ -4,7 +4,6 @@ import argparse
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.text import Text
 
@@ -21,7 +20,7 @@ from ..harness.results.judgements.runs import Order
 from ..harness.results.provenance import stamp_of
 from ..harness.suites.spec import RunSpec
 from ..reports.model import claim_words
-from .arguments import UsageError, add_results, check_not_installed, subcommand
+from .arguments import UsageError, check_not_installed
 from .findings import print_findings
 from .terminal import Column, console, error_console, print_table, print_unreadable
 
@@ -38,22 +37,8 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = (
-        "judge the paper's claims; exit code 1 if a verdict differs from the published, or the code is newer than "
-        "these; orders are only shown"
-    )
-    p = subcommand(commands, "judge", run, words, "schema, digests of the code, the claims and the orders in dt")
-    add_results(p)
-    p.add_argument("--partial", action="store_true", help="judge only the claims covered by these results")
-    p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
-    p.add_argument("--claims", metavar="FILE.toml", help="register of claims (default: results/claims.toml)")
-    p.add_argument("--published", metavar="DIR", help="published verdicts (default: results/published/)")
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """0, or 1 where published verdicts are others, or of older code, and new ones are not published now."""
+    """Judge and print the claims; return 1 if the published verdicts differ or are of older code, else 0."""
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = arguments.results
     published = Place(Path(arguments.published)) if arguments.published else PUBLISHED

@@ -12,7 +12,7 @@ from ..harness.cache import ROOT, cache_folder
 from ..harness.catalogue.options import nearest
 from ..harness.files import FileError, parse_json, read_text, to_json, write_text
 from ..harness.results.naming import text_of
-from .arguments import add_plugin, load_plugins, subcommand
+from .arguments import load_plugins
 from .parser import UsageError
 
 if TYPE_CHECKING:
@@ -31,14 +31,6 @@ STEP = {
 LIMITS = "max_steps (default 10000000); cpu_limit [s] (default: none)"
 SHAPING = ("problems", "solvers", "harness")  # folders whose code the catalogue is made from
 Entry = Mapping[str, Any]
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "list problems, solvers and suites, with options, units and defaults"
-    p = subcommand(commands, "list", run, words, "one object")
-    p.add_argument("name", nargs="?", metavar="NAME", help="only this problem or solver")
-    add_plugin(p)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,7 +57,7 @@ KINDS = ("problems", "solvers")
 
 
 def print_all(plain: Entry, out: "Console") -> None:
-    """Everything."""
+    """Print every problem, solver and suite."""
     out.print("[bold]Problems[/bold]   --problem-set name=value\n")
     for p in plain["problems"]:
         _print_problem(p, plain, out)

@@ -2,22 +2,13 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from ..harness.results.merging import merge
-from .arguments import find_results, subcommand
 from .terminal import console, plural, print_json, print_unreadable
 
 
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    p = subcommand(commands, "merge", run, "merge results folders into one; the sources are not changed", "one object")
-    p.add_argument("out", metavar="OUT", help="results folder to create or to add to")
-    p.add_argument("sources", type=find_results, metavar="RESULTS", nargs="+", help="results folders to merge")
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """0 when every record could be read and no run contradicts another, else 1."""
+    """Merge the folders; return 0 if every record could be read and no run contradicts another, else 1."""
     done = merge(Path(arguments.out), arguments.sources)
     code = 1 if done.unreadable or done.conflicts else 0
     if arguments.json:

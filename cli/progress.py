@@ -3,8 +3,8 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 from rich.console import Console, Group
@@ -154,20 +154,12 @@ class Watch:
 def run_watched(
     request: Request, *, quiet: bool, resumable: bool = True, pool: Callable[..., Executor] = LocalPool
 ) -> tuple[Loaded, Watch]:
-    """Run a suite under a ``Watch``."""
-    with watch_progress(quiet=quiet, size=request.jobs, resumable=resumable) as watcher:
-        return run_suite(request, watcher, pool), watcher
-
-
-@contextmanager
-def watch_progress(*, quiet: bool = False, size: int = 1, resumable: bool = True) -> Iterator[Watch]:
-    """A ``Watch`` with status lines if standard output is a terminal; ``quiet``: one that prints nothing.
+    """Run a suite under a ``Watch``: with status lines on a terminal; ``quiet``: one that prints nothing.
 
     What is not ``resumable`` has a budget, and a folder that is of no use to the user or is named elsewhere.
     """
     console = Console(quiet=quiet)
-    if quiet or not console.is_terminal or console.is_dumb_terminal:
-        yield Watch(console, None, size, resumable=resumable)
-        return
-    with Live(console=console, auto_refresh=False, transient=True) as live:
-        yield Watch(console, live, size, resumable=resumable)
+    plain = quiet or not console.is_terminal or console.is_dumb_terminal
+    with nullcontext() if plain else Live(console=console, auto_refresh=False, transient=True) as live:
+        watcher = Watch(console, live, request.jobs, resumable=resumable)
+        return run_suite(request, watcher, pool), watcher

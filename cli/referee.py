@@ -5,19 +5,18 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Any
 
 from rich.text import Text
 
 from ..harness.files import FileError, printable
+from ..harness.foreign.conventions import CHOICES, Reading
 from ..harness.foreign.judge import FileSettings, judge_file, list_tables, open_results
-from ..harness.foreign.reading import CHOICES, Reading
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.results.words import judged_error, why
 from ..harness.sandbox.trial import make_problem
 from ..harness.types import Status, StepControl
-from .arguments import UsageError, add_plugin, add_problem, load_problem, positive_float, subcommand
+from .arguments import UsageError, load_problem
 from .solve import as_plain, summarize
 from .terminal import Column, console, number, print_json, print_table, status_style
 
@@ -26,40 +25,10 @@ COLUMNS = (
     Column("case", fold=True), Column("status", right=False), Column("position error [m]"),
     Column("energy drift [J]", rank=1), Column("accurate until [s]", rank=2),
 )  # fmt: skip
-MEANING = {
-    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed",
-    "length": "unit of positions, and of velocities per second", "time": "unit of t",
-    "angle": "unit of Euler angles, and of angular velocities per second",
-    "quaternion": "order of quaternions without letters",
-    "rotation": "what quaternions and matrices take to what", "omega": "frame of angular velocities",
-}  # fmt: skip
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = (
-        "judge the motion in a file (CSV, Parquet, NPZ, MAT) that any other code computed; exit code 0: all are "
-        "successes, 3: laws hold, but a motion is inaccurate, 1: one is wrong or cut short, 2: a file cannot be judged"
-    )
-    p = subcommand(commands, "referee", run, words, "one object a file")
-    add_problem(p)
-    p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files: docs/your-own-solver.md")
-    p.add_argument("--name", metavar="NAME", help="name of the code in tables (default: that of the file or folder)")
-    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
-    for name, choices in CHOICES.items():
-        words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
-        p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
-    for name in ("dt", "rtol"):
-        help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
-        p.add_argument(f"--{name}", type=positive_float, metavar="X", help=help_)
-    tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
-    p.add_argument("--start-tolerance", type=positive_float, metavar="X", help=tolerance)
-    p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
-    add_plugin(p)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if every motion is a success, else by the worst: 2 not judged, 1 not lawful, 3 inaccurate."""
+    """Judge each file; return the code of the worst: 2 not judged, 1 not lawful, 3 inaccurate, 0 success."""
     name, parameters, _ = load_problem(arguments)
     problem = make_problem(name, parameters)
     given = [Path(f) for f in arguments.files]

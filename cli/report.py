@@ -1,22 +1,10 @@
 """``report``: the web pages of a results folder, or the comparison of two."""
 
 import argparse
-from pathlib import Path
-from typing import Any
 
 from ..harness.places import Place
-from ..harness.results.store import StoreError
-from .arguments import RESULTS, UsageError, find_results, subcommand
+from .arguments import UsageError, find_results
 from .terminal import console
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    p = subcommand(commands, "report", run, "write the report of a results folder, or compare two")
-    results = f"{RESULTS} (default: the newest); two of them are compared"
-    p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
-    out = "where to write a comparison (default: report/ in the second)"
-    p.add_argument("--out", type=Path, metavar="DIR", help=out)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -29,15 +17,12 @@ def run(arguments: argparse.Namespace) -> int:
     from ..reports.pages.change.compare import write_compare  # here: they take a second to load
     from ..reports.site import build
 
-    try:
-        out = Place(folders[-1]) / "report" if arguments.out is None else Place(arguments.out)
-        if arguments.out is not None:
-            arguments.out.mkdir(parents=True, exist_ok=True)
-        if len(folders) == 2:
-            index = write_compare(folders[0], folders[1], out)
-        else:
-            index = build(folders[0])
-    except StoreError as error:
-        raise UsageError(str(error)) from None
+    if len(folders) == 1:
+        index = build(folders[0])
+    elif arguments.out is None:
+        index = write_compare(folders[0], folders[1], Place(folders[1]) / "report")
+    else:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        index = write_compare(folders[0], folders[1], Place(arguments.out))
     console().print(f"report: {index}")
     return 0

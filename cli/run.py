@@ -4,29 +4,15 @@ import argparse
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Executor, Request, last_folder, new_folder
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
-from .arguments import UsageError, add_running, count_jobs, load_plugins, positive_int, subcommand
+from .arguments import UsageError, count_jobs, load_plugins
 from .progress import run_watched
 from .terminal import error_console, print_json
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    p = subcommand(commands, "run", run, "run a suite and write a results folder", "one object at the end")
-    p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
-    add_running(p)
-    p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
-    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
-    p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
-    turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
-    p.add_argument("--in-turns", type=positive_int, metavar="N", help=turns)
-    p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
 
 
 def run(arguments: argparse.Namespace) -> int:

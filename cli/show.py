@@ -21,7 +21,8 @@ from ..harness.results.series import BadSeries
 from ..harness.results.store import Unreadable
 from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
 from ..harness.types import Status
-from .arguments import UsageError, add_results, positive_int, subcommand
+from .arguments import UsageError
+from .commands import FILTERS, SORTS
 from .terminal import (
     Column,
     console,
@@ -45,7 +46,6 @@ NOT_NUMBERS = {*SETTINGS, "schema", "exit_code", "signal", "memory_limit_MB"}
 LAST = 5  # lines of standard error
 SPARK = 12  # characters of the energy error over time
 PREFIX = 7  # characters of the run_id in the table
-FILTERS = ("problem", "solver", "status", "label")
 SHOWN = {
     "energy_drift_max_J": Column("|dE| [J]"), "position_error": Column("error [m]", rank=2),
     "error_until": Column("error to [s]", rank=2), "orientation_error": Column("error [rad]", rank=4),
@@ -56,7 +56,6 @@ ERRORS: dict[str, Callable[[RunRecord], float]] = {  # as in the reports
     "position_error": lambda r: judged_error(r, "position_error", "m"), "error_until": error_until,
     "orientation_error": lambda r: judged_error(r, "orientation_error", "rad"),
 }  # fmt: skip
-SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
 
 
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
@@ -142,18 +141,6 @@ def _read_entry(entry: Any, key: str) -> float:
 
 def _print_heading(out: Console, words: str) -> None:
     out.print(Text(f"\n{words}", "bold"))
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "show a results folder as a table, or one run in detail"
-    p = subcommand(commands, "show", run, words, "one record per line")
-    add_results(p)
-    p.add_argument("run_name", metavar="RUN", nargs="?", help="show one run: run_id (or its first digits) or case")
-    for name in FILTERS:
-        p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with this {name}, or one of these")
-    p.add_argument("--sort", metavar="KEY", help=f"largest first, by {', '.join(SORTS)} or any numeric column")
-    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
 
 
 def run(arguments: argparse.Namespace) -> int:

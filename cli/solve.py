@@ -17,29 +17,13 @@ from ..harness.suites.spec import make_spec
 from ..harness.types import Status
 from .arguments import (
     UsageError,
-    add_plugin,
-    add_problem,
-    add_set,
     check_writable,
     load_problem,
     parse_assignments,
     positive_float,
-    subcommand,
 )
+from .commands import CONTROL
 from .terminal import console, error_console
-
-CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "run one solver on one problem; write motion and measurements"
-    p = subcommand(commands, "solve", run, words, "one object")
-    add_problem(p)
-    p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
-    add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
-    p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz)")
-    add_plugin(p)
 
 
 def run(arguments: argparse.Namespace) -> int:

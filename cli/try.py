@@ -16,13 +16,9 @@ from ..harness.suites.suite import Suite
 from ..harness.types import EndedBy
 from .arguments import (
     UsageError,
-    add_jobs,
-    add_plugin,
     check_writable,
     count_jobs,
     load_plugins,
-    positive_float,
-    subcommand,
 )
 from .check import resolve_entries
 from .findings import print_findings
@@ -32,22 +28,8 @@ from .terminal import console
 NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
 
 
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
-    p = subcommand(commands, "try", run, words, "one object a finding")
-    p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
-    budget = "CPU time of everything, compilation too [s] (default: 180)"
-    p.add_argument("--budget", type=positive_float, default=180.0, metavar="S", help=budget)
-    p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
-    p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
-    p.add_argument("--no-report", action="store_true", help="leave out the page")
-    add_plugin(p, "file whose problems are run too")
-    add_jobs(p)
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """0 if nothing falls short and nothing is left out."""
+    """Run the stages and print the findings; return 0 if nothing falls short and nothing is left out, else 1."""
     plugins, names = resolve_entries(arguments.file)
     own = [n for n in names if n in registry.solvers()]
     if len(own) != 1:

@@ -2,51 +2,32 @@
 
 import argparse
 import json
+import math
 import random
 import tempfile
 from pathlib import Path
-from typing import Any
 
 from ..harness.execution.runner import Request
 from ..harness.results import store
 from ..harness.results.comparison import compare, is_repeatable
 from ..harness.results.provenance import find_differences, same_platform, stamp_of
 from ..harness.results.records import RunRecord
-from ..harness.results.reproduce import REFEREED
+from ..harness.results.reproduce import REFEREED, control_of
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.spec import RunSpec, make_spec
 from ..harness.suites.suite import Suite
 from .arguments import (
-    RESULTS,
     UsageError,
-    add_jobs,
-    add_plugin,
     count_jobs,
-    find_results,
     load_plugins,
-    positive_int,
-    subcommand,
 )
 from .diff import show_comparison
 from .progress import run_watched
 from .terminal import console, print_unreadable
 
-SEED = 1  # the same sample every time, unless --seed says otherwise
-
-
-def add(commands: Any) -> None:
-    """The subcommand's arguments."""
-    words = "repeat a sample of finished runs and compare; exit code 0 if they agree, 1 if not"
-    p = subcommand(commands, "verify", run, words, "one object, as diff prints it")
-    p.add_argument("results", type=find_results, metavar="RESULTS", help=RESULTS)
-    p.add_argument("--sample", type=positive_int, metavar="N", default=5, help="number of runs to repeat (default: 5)")
-    p.add_argument("--seed", type=positive_int, metavar="K", default=SEED, help=f"seed of the sample (default: {SEED})")
-    add_jobs(p)
-    add_plugin(p, "plugin that the results were made with")
-
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if the sample agrees: bit for bit on the same code and platform, else within platform differences."""
+    """Return 0 if the sample agrees: bit for bit on the same code and platform, else within platform differences."""
     folder = arguments.results
     plugins = load_plugins(arguments.plugin)
     loaded = store.load(folder)
@@ -78,13 +59,9 @@ def rebuild_spec(record: RunRecord) -> RunSpec:
     """The spec of a record's run, or UsageError where this checkout would run something else."""
     try:
         problem = make_problem(record.problem, json.loads(record.problem_parameters))
-        control = {"dt": record.dt_s, "rtol": record.rtol, "max_step": record.max_step_s, "max_steps": record.max_steps}
-        given = {k: v for k, v in control.items() if v == v and v > 0}
-        limits = {
-            "cpu_limit": record.cpu_limit_s if record.cpu_limit_s == record.cpu_limit_s else record.wall_limit_s,
-            "memory": record.memory_limit_MB,
-        }
-        spec = make_spec(problem, record.solver, json.loads(record.solver_options), given, **limits)
+        control = control_of(record)
+        limits = {"cpu_limit": control.pop("cpu_limit", math.nan), "memory": record.memory_limit_MB}
+        spec = make_spec(problem, record.solver, json.loads(record.solver_options), control, **limits)
     except ValueError as error:
         raise UsageError(f"{record.case} cannot be run here: {error}") from None
     if spec.settings_id != record.settings_id:

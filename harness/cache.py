@@ -26,7 +26,7 @@ def cache_folder(name: str, in_checkout: Path) -> Path:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether it and the folder above are there, or can be made, and only we write to them: machine code is loaded."""
+    """Whether the folder and the one above exist or can be made and only we can write there: it holds machine code."""
     try:
         folder.parent.parent.mkdir(parents=True, exist_ok=True)
         folder.parent.mkdir(mode=0o700, exist_ok=True)

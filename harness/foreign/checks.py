@@ -7,7 +7,8 @@ import numpy as np
 from ..files import FileError
 from ..types import Problem
 from .columns import Quantities
-from .reading import ANGLES, LENGTHS, Motion, Origin, Reading, differentiate, differentiate_rotations
+from .conventions import ANGLES, LENGTHS, Reading
+from .reading import Motion, Origin, differentiate, differentiate_rotations
 
 DIGITS = 4.0  # times half a unit of the last digit: products of printed numbers
 ROUNDED = 1e-9  # of 1 + the size: of data in float64

@@ -27,8 +27,9 @@ from ..suites.spec import RunSpec
 from ..types import Law, Problem, Status, StepControl, Trajectory
 from .checks import check_motion, check_times
 from .columns import Quantities, find_quantities
+from .conventions import TIMES, Reading
 from .determined import Determined, find_determined, judge_again, measure_uncertainty
-from .reading import TIMES, Motion, Origin, Reading, perturb_roundings, read_motion
+from .reading import Motion, Origin, perturb_roundings, read_motion
 from .tables import READERS, Table, read_table
 
 NAME = re.compile(r"[A-Za-z][\w.+-]*")

@@ -1,7 +1,6 @@
 """Poses and velocities in SI units from columns: units, order of quaternions, frames; missing rates are differenced."""
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -9,35 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from .columns import Quantities
+from .conventions import ANGLES, LENGTHS, TIMES, Reading
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
-TIMES = {"s": 1.0, "ms": 1e-3}
-ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
-QUATERNIONS = ("wxyz", "xyzw")
-ROTATIONS = ("body-to-space", "space-to-body")
-FRAMES = ("body", "space")
-SEQUENCES = ("XYZ", "XZY", "YXZ", "ZXZ", "ZYX", "ZYZ")  # of axes that turn with the body; small: fixed in space
 SOUND = 0.01  # of the largest speed: differences of third and fifth degree must agree so far
 FEWEST = 8  # rows for a difference
-
-
-@dataclass(frozen=True)
-class Reading:
-    """Units, orders and frames of columns; each field is an option of the command line."""
-
-    length: str = "m"  # of positions, and of velocities per second
-    time: str = "s"  # of t alone
-    angle: str = "rad"  # of angles and angular velocities
-    quaternion: str = "wxyz"
-    rotation: str = "body-to-space"
-    omega: str = "body"
-    euler: str = "none"  # axes of Euler angles, in the order of their columns
-
-
-CHOICES: dict[str, tuple[str, ...]] = {
-    "length": tuple(LENGTHS), "time": tuple(TIMES), "angle": tuple(ANGLES), "quaternion": QUATERNIONS,
-    "rotation": ROTATIONS, "omega": FRAMES, "euler": ("none", *SEQUENCES, *(x.lower() for x in SEQUENCES)),
-}  # fmt: skip
 
 
 class Origin(StrEnum):

@@ -39,7 +39,7 @@ def time_in_turns(
         runs = list(group)
         times, failure = _time_apart(runs, turns, plugins, budget)
         failures += [f"{problem}: {failure}"] if failure else []
-        timed += [_with_times(r, own, len(runs)) for r, own in zip(runs, times, strict=False)]
+        timed += [_replace_times(r, own, len(runs)) for r, own in zip(runs, times, strict=False)]
     for r in timed:
         store.write_record(folder, r)
     return timed, failures
@@ -87,7 +87,7 @@ def _time_apart(
         return [], f"the process that timed it {ended.words}: {' '.join(last)}"
 
 
-def _with_times(r: RunRecord, times: Sequence[float], runs: int) -> RunRecord:
+def _replace_times(r: RunRecord, times: Sequence[float], runs: int) -> RunRecord:
     note = f"CPU times: {len(times)} turns in one process, {runs} runs of the problem in turns"
     return dataclasses.replace(
         r, repeats=len(times), cpu_min_s=min(times), cpu_median_s=float(np.median(times)), cpu_max_s=max(times),

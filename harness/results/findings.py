@@ -17,7 +17,7 @@ class Verdict(StrEnum):
 
     @classmethod
     def of(cls, good: bool | None) -> "Verdict":
-        """None: open."""
+        """The verdict on a requirement that is met, not met, or (None) could not be tested."""
         return cls.OPEN if good is None else cls.MET if good else cls.FAILED
 
 

@@ -8,53 +8,18 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from msgspec.structs import fields, replace
+from msgspec.structs import replace
 
 from ..files import parse_json, read_text, to_json, write_text
-from ..shapes import Shape, shaped
+from ..shapes import shaped
 from . import store
 from .provenance import stamp_of
 from .records import RunRecord
+from .rows import METRICS, NAN, Row
 
 COMMITTED = Path("results") / "history"  # rows worth keeping for good, one file a run
 GATES = "history"  # beside the results folders: rows of runs that were judged by the gate and not kept
-NAN = float("nan")
-
-
-class Row(Shape, frozen=True):
-    """One run of one results folder. NaN where a quantity does not exist."""
-
-    commit: str  # '+dirty' when the checkout had changes
-    time: str  # UTC, ISO 8601: when the run was started
-    results: str
-    suite: str
-    settings_id: str
-    case: str
-    label: str
-    problem: str
-    solver: str
-    status: str
-    gate: str = ""  # the worst state of the gate's findings on the run; empty where no gate has judged
-    energy_drift_max_J: float = NAN
-    energy_scale_J: float = NAN
-    position_error_max_m: float = NAN
-    position_error_judged_m: float = NAN
-    orientation_error_max_rad: float = NAN
-    phi_max: float = NAN
-    phi_dot_max: float = NAN
-    steps: float = NAN
-    cpu_min_s: float = NAN
-    cpu_ratio: float = NAN  # cpu_min_s over that of the oldest success of this run on the same processor
-    processor: str = ""
-
-
 SAME = ("suite", "settings_id", "case", "label", "problem", "solver", "status")  # as in a record
-METRICS = tuple(f.name for f in fields(Row) if f.type is float)
-
-
-def load_history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, ...]:
-    """All rows, the oldest first, without duplicates."""
-    return merge_rows([*map(read_folder, folders)], [*map(read_rows, files)])
 
 
 def read_folder(folder: Path) -> list[Row]:

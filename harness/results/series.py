@@ -4,7 +4,7 @@ Written once by the run's process, read by reports; its digest is in the run's r
 """
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -73,13 +73,7 @@ def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> 
 
     Without ``poses`` those of the run and of the exact motion, most of a file, stay packed.
     """
-    content = _content(path, sha256)
-    try:
-        arrays = read_npz(content, LARGEST, lambda name: poses or not name.startswith(POSES))
-        head = _head(arrays.pop("meta", ""))
-        _check_lengths(arrays)
-    except ValueError as error:
-        raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
+    head, arrays = _read(path, sha256, lambda name: poses or not name.startswith(POSES))
     for array in arrays.values():
         array.setflags(write=False)
     return Series(arrays, head.events, head.body_names, head.joint_names, head.units, head.symbols)
@@ -87,25 +81,24 @@ def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> 
 
 def check_series(path: Path | Place, sha256: str) -> None:
     """BadSeries if it is not the recorded file of this schema; its arrays stay packed."""
-    content = _content(path, sha256)
-    try:
-        _head(read_npz(content, LARGEST, "meta".__eq__).get("meta", ""))
-    except ValueError as error:
-        raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
+    _read(path, sha256, "meta".__eq__)
 
 
-def _content(path: Path | Place, sha256: str) -> bytes:
+def _read(path: Path | Place, sha256: str, wanted: Callable[[str], bool]) -> tuple[Head, dict[str, np.ndarray]]:
+    """The head of the file and the arrays that are ``wanted``, or BadSeries."""
     try:
         content = place_of(path).read(LARGEST)
     except OSError as error:
         raise BadSeries(f"cannot read: {error.strerror or error}") from None
     if sha256 and hashlib.sha256(content).hexdigest() != sha256:
         raise BadSeries("not the file that was recorded (truncated or changed)")
-    return content
-
-
-def _head(meta: object) -> Head:
-    return shaped(parse_json(str(meta), "meta"), Head, "meta")
+    try:
+        arrays = read_npz(content, LARGEST, wanted)
+        head = shaped(parse_json(str(arrays.pop("meta", "")), "meta"), Head, "meta")
+        _check_lengths(arrays)
+    except ValueError as error:
+        raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
+    return head, arrays
 
 
 def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:

@@ -1,4 +1,4 @@
-"""What a suite includes: the files behind it, each once, the included before those that include them."""
+"""The files behind a suite, each once, the included before those that include them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a suite file may say.
+"""The keys of a suite file.
 
 ::
 
@@ -61,7 +61,7 @@ class Group(Defaults, frozen=True, kw_only=True):
 
 
 class SuiteFile(Shape, frozen=True, kw_only=True):
-    """One file."""
+    """The content of a suite file."""
 
     name: Title | None = None
     description: str = ""

@@ -19,7 +19,7 @@ DEFAULT_MEMORY = 4000.0  # [MB] beyond what the libraries take
 
 @dataclass(frozen=True)
 class RunSpec:
-    """What is run. ``parameters`` and ``options`` hold only what differs from the defaults, in their own types."""
+    """One run. ``parameters`` and ``options`` hold only what differs from the defaults, in their own types."""
 
     problem: str
     solver: str

@@ -1,6 +1,6 @@
 """Suites: TOML files that name the runs to run, products written as lists. Everything is checked before anything runs.
 
-What a file may say is in ``shape.py``. A run met again through an include is kept as first met, label and limits
+The keys of a file are in ``shape.py``. A run met again through an include is kept as first met, label and limits
 included; twice in one file it is an error.
 """
 
@@ -41,60 +41,60 @@ class Suite:
 
 def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:
     """The suite of that name, or in that file."""
-    return _suite(read_source(path_of(name)), plugins)
+    return _build_suite(read_source(path_of(name)), plugins)
 
 
 def parse_suite(text: str, name: str, where: str, beside: Path = Path(), plugins: tuple[str, ...] = ()) -> Suite:
     """The suite in ``text``; ``where`` names it in messages, plugins and includes are found ``beside`` it."""
-    return _suite(source(text, name, where, beside), plugins)
+    return _build_suite(source(text, name, where, beside), plugins)
 
 
-def _suite(own: Source, plugins: tuple[str, ...]) -> Suite:
+def _build_suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     sources = with_included(own)
     for s in sources:
         if not s.file.runs and not s.file.include:
             raise FileError(f"{s.where}: a suite needs at least one [[runs]] group")
-    files = tuple(dict.fromkeys([*map(resolved, plugins), *(p for s in sources for p in _plugins(s))]))
+    files = tuple(dict.fromkeys([*map(resolved, plugins), *(p for s in sources for p in _resolve_plugins(s))]))
     if files:  # foreign code may hang, crash or leave when it is loaded or makes a problem
         try:
-            specs = try_apart(own.where, lambda: _expanded(own, sources, files))
+            specs = try_apart(own.where, lambda: _collect_specs(own, sources, files))
         except ValueError as error:
             raise FileError(" ".join(str(error).split())) from None
     else:
-        specs = _expanded(own, sources, files)
+        specs = _collect_specs(own, sources, files)
     included = tuple((s.name, s.text) for s in sources[:-1])
     name, words, total = own.file.name or own.name, own.file.description, own.file.total_limit
     return Suite(name, words, tuple(specs.values()), own.text, files, included, total)
 
 
-def _expanded(own: Source, sources: list[Source], files: tuple[str, ...]) -> dict[str, RunSpec]:
+def _collect_specs(own: Source, sources: list[Source], files: tuple[str, ...]) -> dict[str, RunSpec]:
     """The runs of all files by their settings, each as first met."""
     try:
         for file in files:
             registry.load_plugin(file)
     except ValueError as error:
         raise FileError(f"{own.where}: {error}") from None
-    made: dict[tuple[str, str], Problem] = {}
+    problems: dict[tuple[str, str], Problem] = {}
     specs: dict[str, RunSpec] = {}
     for s in sources:
-        for settings, spec in _runs(s, made).items():
+        for settings, spec in _expand_file(s, problems).items():
             specs.setdefault(settings, spec)
     return specs
 
 
-def _plugins(s: Source) -> list[str]:
+def _resolve_plugins(s: Source) -> list[str]:
     try:
         return [resolved(p, s.beside) for p in s.file.plugins]
     except (OSError, ValueError) as error:
         raise FileError(f"{s.where}: plugins: {error}") from None
 
 
-def _runs(s: Source, made: dict[tuple[str, str], Problem]) -> dict[str, RunSpec]:
+def _expand_file(s: Source, problems: dict[tuple[str, str], Problem]) -> dict[str, RunSpec]:
     """The runs of one file by their settings."""
     specs: dict[str, RunSpec] = {}
     for k, group in enumerate(s.file.runs, start=1):
         try:
-            for spec in _expand(_with_defaults(group, s.file.defaults), made):
+            for spec in _expand(_add_defaults(group, s.file.defaults), problems):
                 if spec.settings_id in specs:
                     raise ValueError(f"{spec.case} is declared twice")
                 specs[spec.settings_id] = spec
@@ -103,33 +103,33 @@ def _runs(s: Source, made: dict[tuple[str, str], Problem]) -> dict[str, RunSpec]
     return specs
 
 
-def _with_defaults(group: Group, defaults: Defaults) -> Group:
+def _add_defaults(group: Group, defaults: Defaults) -> Group:
     shared = {k: v for k, v in msgspec.structs.asdict(defaults).items() if getattr(group, k) is None}
     return msgspec.structs.replace(group, **shared)
 
 
-def _expand(group: Group, made: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
+def _expand(group: Group, problems: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
     limits = group.given(*LIMITS)
     for key in ("problem", "solver"):
         if getattr(group, key) is None:
             raise ValueError(f"{key} is missing: name it in the group or in [defaults]")
-    for name, solver in itertools.product(_list(group.problem), _list(group.solver)):
+    for name, solver in itertools.product(_as_tuple(group.problem), _as_tuple(group.solver)):
         entry = registry.entry_of("solver", solver, registry.solvers())
         known = registry.entry_of("problem", name, registry.problems()).parameters
         control = group.given(*CONTROL)
         if "dt" in control and "rtol" in control:  # both given: each solver takes the one it is controlled by
             for other in ("rtol", "max_step") if entry.control == "dt" else ("dt",):
                 control.pop(other, None)
-        for parameters in _products(group.parameters, known):
+        for parameters in _combine_tables(group.parameters, known):
             variant = (name, repr(sorted(parameters.items())))
-            if variant not in made:
-                made[variant] = _made(name, parameters)
-            for options in _products(group.options, entry.parameters):
-                for steps in _product(control, {}):
-                    yield make_spec(made[variant], solver, options, steps, **limits)
+            if variant not in problems:
+                problems[variant] = _make_problem(name, parameters)
+            for options in _combine_tables(group.options, entry.parameters):
+                for steps in _combine(control, {}):
+                    yield make_spec(problems[variant], solver, options, steps, **limits)
 
 
-def _made(name: str, parameters: Mapping[str, Any]) -> Problem:
+def _make_problem(name: str, parameters: Mapping[str, Any]) -> Problem:
     """A plugin's problem may raise anything: reported in one line; in one of ours it is a bug."""
     try:
         return registry.make_problem(name, parameters)
@@ -141,16 +141,16 @@ def _made(name: str, parameters: Mapping[str, Any]) -> Problem:
         raise ValueError(f"problem {name}: {type(error).__name__}: {error}") from error
 
 
-def _products(given: Tables | None, known: Mapping[str, tuple[Any, Any]]) -> Iterator[dict[str, Any]]:
+def _combine_tables(given: Tables | None, known: Mapping[str, tuple[Any, Any]]) -> Iterator[dict[str, Any]]:
     for table in given if isinstance(given, tuple) else (given or {},):
-        yield from _product(table, known)
+        yield from _combine(table, known)
 
 
-def _product(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> Iterator[dict[str, Any]]:
+def _combine(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> Iterator[dict[str, Any]]:
     """One dict for each combination of the listed values; a tuple-valued one takes a flat list as one value."""
     choices = []
     for key, value in given.items():
-        value = _swept(key, value) if isinstance(value, dict) else value
+        value = _expand_sweep(key, value) if isinstance(value, dict) else value
         names = [name.strip() for name in key.split(",")]
         is_tuple = names[0] in known and isinstance(known[names[0]][0], tuple)
         one = not isinstance(value, list) or (is_tuple and not any(isinstance(v, list | str) for v in value))
@@ -161,7 +161,7 @@ def _product(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> 
         yield {name: v for part in combination for name, v in part.items()}
 
 
-def _swept(key: str, sweep: Mapping[str, Any]) -> list[float]:
+def _expand_sweep(key: str, sweep: Mapping[str, Any]) -> list[float]:
     """Values evenly spaced in their logarithm, ends included, to three digits."""
     if sweep.keys() != {"from", "to", "per_decade"} or not all(isinstance(v, int | float) for v in sweep.values()):
         raise ValueError(f"{key} must be a value, a list, or {{ from, to, per_decade }} (got {dict(sweep)})")
@@ -175,5 +175,5 @@ def _swept(key: str, sweep: Mapping[str, Any]) -> list[float]:
     return [float(f"{first * 10.0 ** (decades * k / (count - 1)):.3g}") for k in range(count)]
 
 
-def _list(names: Names | None) -> tuple[str, ...]:
+def _as_tuple(names: Names | None) -> tuple[str, ...]:
     return (names,) if isinstance(names, str) else names or ()

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from ....harness.files import FileError
 from ....harness.places import NotOwn
-from ....harness.results.history import Row, find_histories, merge_rows, read_folder, read_rows
+from ....harness.results.history import find_histories, merge_rows, read_folder, read_rows
+from ....harness.results.rows import Row
 from ...model.results import Results, grouped
 from ...model.words import Mark, mark, number
 from ..base import Page, Site

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from mbsbench import Joint, RigidBody, SpringDamper, State, accelerations, assemble, load, make_problem, solve
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
+from mbsbench.harness.foreign.conventions import Reading
 from mbsbench.harness.foreign.judge import FileSettings, judge_file, open_results
-from mbsbench.harness.foreign.reading import Reading
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 

@@ -11,8 +11,20 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError, to_json, write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.results.history import METRICS, Row, find_histories, load_history, read_rows, write_rows
+from mbsbench.harness.results.history import (
+    find_histories,
+    merge_rows,
+    read_folder,
+    read_rows,
+    write_rows,
+)
 from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.rows import METRICS, Row
+
+
+def load_history(folders, files=()):
+    """All rows of the folders and files."""
+    return merge_rows(map(read_folder, folders), map(read_rows, files))
 
 
 def folder(place, name, commit, started, cpu="one", **specs: tuple[str, float, float]):

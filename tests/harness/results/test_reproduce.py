@@ -7,8 +7,9 @@ import sys
 
 import pytest
 
-from mbsbench.cli import solve
-from mbsbench.cli.arguments import Parser, parse_assignments
+from mbsbench.cli.arguments import parse_assignments
+from mbsbench.cli.commands import CONTROL, add_commands
+from mbsbench.cli.parser import top_parser
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.job import Job, record_of
 from mbsbench.harness.results.records import RunRecord
@@ -40,11 +41,11 @@ def run_of(line: str):
     """The run that ``solve`` would make of the line, without running it."""
     words = shlex.split(line)
     assert words[0] == "mbsbench"
-    parser = Parser()
-    solve.add(parser.add_subparsers(parser_class=Parser))
+    parser, commands = top_parser()
+    add_commands(commands)
     given = parser.parse_args(words[1:])
     values = parse_assignments(given.set, "--set")
-    control = {k: values.pop(k) for k in solve.CONTROL if k in values}
+    control = {k: values.pop(k) for k in CONTROL if k in values}
     wall = float(control.pop("cpu_limit"))
     problem = registry.make_problem(given.problem, parse_assignments(given.problem_set, "--problem-set"))
     return make_spec(problem, given.solver, values, control, cpu_limit=wall), given

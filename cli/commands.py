@@ -1,0 +1,248 @@
+"""The subcommands and their arguments, in the order of --help; what runs a command is in its own file, loaded then."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..harness.foreign.conventions import CHOICES, Reading
+from ..harness.results.rows import METRICS
+from .arguments import (
+    RESULTS,
+    add_jobs,
+    add_plugin,
+    add_problem,
+    add_results,
+    add_running,
+    add_set,
+    find_results,
+    positive_float,
+    positive_int,
+)
+
+CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
+FILTERS = ("problem", "solver", "status", "label")
+SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
+CHANGES = 40  # shown by diff
+SEED = 1  # the same sample every time, unless --seed says otherwise
+MEANING = {
+    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed",
+    "length": "unit of positions, and of velocities per second", "time": "unit of t",
+    "angle": "unit of Euler angles, and of angular velocities per second",
+    "quaternion": "order of quaternions without letters",
+    "rotation": "what quaternions and matrices take to what", "omega": "frame of angular velocities",
+}  # fmt: skip
+
+
+def add_commands(commands: Any) -> None:
+    """Add the parser of every subcommand."""
+    for add in (
+        _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_referee,
+        _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_history, _add_figures,
+    ):  # fmt: skip
+        add(commands)
+
+
+def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argparse.ArgumentParser:
+    """A parser that shows ``summary`` in the list of commands and in its own help; ``json``: what --json prints."""
+    description = f"{summary[0].upper()}{summary[1:]}."
+    p: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=description)
+    p.set_defaults(command=name)
+    if json:
+        p.add_argument("--json", action="store_true", help=f"print JSON: {json}")
+    return p
+
+
+def _add_list(commands: Any) -> None:
+    words = "list problems, solvers and suites, with options, units and defaults"
+    p = subcommand(commands, "list", words, "one object")
+    p.add_argument("name", nargs="?", metavar="NAME", help="only this problem or solver")
+    add_plugin(p)
+
+
+def _add_solve(commands: Any) -> None:
+    words = "run one solver on one problem; write motion and measurements"
+    p = subcommand(commands, "solve", words, "one object")
+    add_problem(p)
+    p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
+    add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
+    p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz)")
+    add_plugin(p)
+
+
+def _add_run(commands: Any) -> None:
+    p = subcommand(commands, "run", "run a suite and write a results folder", "one object at the end")
+    p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
+    add_running(p)
+    p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
+    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
+    p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
+    turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
+    p.add_argument("--in-turns", type=positive_int, metavar="N", help=turns)
+    p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
+
+
+def _add_show(commands: Any) -> None:
+    words = "show a results folder as a table, or one run in detail"
+    p = subcommand(commands, "show", words, "one record per line")
+    add_results(p)
+    p.add_argument("run_name", metavar="RUN", nargs="?", help="show one run: run_id (or its first digits) or case")
+    for name in FILTERS:
+        p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with this {name}, or one of these")
+    p.add_argument("--sort", metavar="KEY", help=f"largest first, by {', '.join(SORTS)} or any numeric column")
+    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
+
+
+def _add_report(commands: Any) -> None:
+    p = subcommand(commands, "report", "write the report of a results folder, or compare two")
+    results = f"{RESULTS} (default: the newest); two of them are compared"
+    p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
+    out = "where to write a comparison (default: report/ in the second)"
+    p.add_argument("--out", type=Path, metavar="DIR", help=out)
+
+
+def _add_check(commands: Any) -> None:
+    words = "test the requirements on a solver or problem, with the number measured; exit code 1 if one is not met"
+    p = subcommand(commands, "check", words, "one object per requirement")
+    p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver or problem")
+    add_jobs(p)
+
+
+def _add_try(commands: Any) -> None:
+    words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
+    p = subcommand(commands, "try", words, "one object a finding")
+    p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
+    budget = "CPU time of everything, compilation too [s] (default: 180)"
+    p.add_argument("--budget", type=positive_float, default=180.0, metavar="S", help=budget)
+    p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
+    p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
+    p.add_argument("--no-report", action="store_true", help="leave out the page")
+    add_plugin(p, "file whose problems are run too")
+    add_jobs(p)
+
+
+def _add_advise(commands: Any) -> None:
+    words = "find the cheapest solver and setting that meet an error on a problem; exit code 1 if none does"
+    p = subcommand(commands, "advise", words, "one object a solver, the cheapest first")
+    add_problem(p)
+    p.add_argument("--error", required=True, type=positive_float, metavar="X", help="largest motion error allowed [m]")
+    budget = "CPU time for all runs, checked after each round of runs, about [s] (default: 120)"
+    p.add_argument("--budget", type=positive_float, default=120.0, metavar="S", help=budget)
+    p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
+    kept = f"read the runs of this {RESULTS}; run nothing"
+    p.add_argument("--from", dest="results", type=find_results, metavar="RESULTS", help=kept)
+    add_plugin(p)
+    add_jobs(p)
+
+
+def _add_referee(commands: Any) -> None:
+    words = (
+        "judge the motion in a file (CSV, Parquet, NPZ, MAT) that any other code computed; exit code 0: all are "
+        "successes, 3: laws hold, but a motion is inaccurate, 1: one is wrong or cut short, 2: a file cannot be judged"
+    )
+    p = subcommand(commands, "referee", words, "one object a file")
+    add_problem(p)
+    p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files: docs/your-own-solver.md")
+    p.add_argument("--name", metavar="NAME", help="name of the code in tables (default: that of the file or folder)")
+    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
+    for name, choices in CHOICES.items():
+        words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
+        p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
+    for name in ("dt", "rtol"):
+        help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
+        p.add_argument(f"--{name}", type=positive_float, metavar="X", help=help_)
+    tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
+    p.add_argument("--start-tolerance", type=positive_float, metavar="X", help=tolerance)
+    p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
+    add_plugin(p)
+
+
+def _add_export(commands: Any) -> None:
+    p = subcommand(commands, "export", "print a problem with all its numbers, for any other code")
+    add_problem(p)
+    p.add_argument("--format", choices=("json",), default="json", help="see docs/your-own-solver.md (default: json)")
+    p.add_argument("--out", metavar="FILE", help="file to write (default: print)")
+    add_plugin(p)
+
+
+def _add_judge(commands: Any) -> None:
+    words = (
+        "judge the paper's claims; exit code 1 if a verdict differs from the published, or the code is newer than "
+        "these; orders are only shown"
+    )
+    p = subcommand(commands, "judge", words, "schema, digests of the code, the claims and the orders in dt")
+    add_results(p)
+    p.add_argument("--partial", action="store_true", help="judge only the claims covered by these results")
+    p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
+    p.add_argument("--claims", metavar="FILE.toml", help="register of claims (default: results/claims.toml)")
+    p.add_argument("--published", metavar="DIR", help="published verdicts (default: results/published/)")
+
+
+def _add_claim(commands: Any) -> None:
+    words = "show a claim of the paper with its verdicts, why and where it was tried, or make its runs and judge it"
+    p = subcommand(commands, "claim", words, "the claim")
+    p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
+    judged = f"{RESULTS}, judged (default: as published)"
+    p.add_argument("results", nargs="?", metavar="RESULTS", help=judged)
+    p.add_argument("--run", dest="make", action="store_true", help="make the runs of its map alone, and judge these")
+    p.add_argument("--out", metavar="DIR", help="with --run: results folder (default: results/local/claim-ID-<time>)")
+    add_jobs(p)
+
+
+def _add_gate(commands: Any) -> None:
+    words = "run a suite and compare it with thresholds; exit code 0 if the gate is open, 1 if closed"
+    p = subcommand(commands, "gate", words, "one object")
+    p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
+    p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
+    p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
+    p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
+    p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
+    p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
+    spread = "with --update: bounds around N repeats that differ by rounding"
+    p.add_argument("--spread", type=int, metavar="N", help=spread)
+    p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
+    p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
+    p.add_argument("--junit", metavar="FILE", help="write the result as JUnit XML")
+    p.add_argument("--markdown", metavar="FILE", help="write failed and moved thresholds as Markdown")
+    add_running(p)
+
+
+def _add_verify(commands: Any) -> None:
+    words = "repeat a sample of finished runs and compare; exit code 0 if they agree, 1 if not"
+    p = subcommand(commands, "verify", words, "one object, as diff prints it")
+    p.add_argument("results", type=find_results, metavar="RESULTS", help=RESULTS)
+    p.add_argument("--sample", type=positive_int, metavar="N", default=5, help="number of runs to repeat (default: 5)")
+    p.add_argument("--seed", type=positive_int, metavar="K", default=SEED, help=f"seed of the sample (default: {SEED})")
+    add_jobs(p)
+    add_plugin(p, "plugin that the results were made with")
+
+
+def _add_diff(commands: Any) -> None:
+    words = "compare two results folders; exit code 0 if identical, 1 if not"
+    p = subcommand(commands, "diff", words, "one object")
+    p.add_argument("before", type=find_results, metavar="BEFORE", help=RESULTS)
+    p.add_argument("after", type=find_results, metavar="AFTER", help=RESULTS)
+    limit = f"changes shown, largest first (default: {CHANGES})"
+    p.add_argument("--limit", type=positive_int, metavar="N", default=CHANGES, help=limit)
+
+
+def _add_merge(commands: Any) -> None:
+    p = subcommand(commands, "merge", "merge results folders into one; the sources are not changed", "one object")
+    p.add_argument("out", metavar="OUT", help="results folder to create or to add to")
+    p.add_argument("sources", type=find_results, metavar="RESULTS", nargs="+", help="results folders to merge")
+
+
+def _add_history(commands: Any) -> None:
+    p = subcommand(commands, "history", "show each run's results over time and commits", "one object per row")
+    p.add_argument("source", nargs="*", help="results folders and .jsonl files (default: all there are)")
+    p.add_argument("--metric", default="energy_drift_max_J", metavar="NAME", help=f"one of {', '.join(METRICS)}")
+    p.add_argument("--problem", metavar="NAME", help="only this problem")
+    p.add_argument("--solver", metavar="NAME", help="only this solver")
+    p.add_argument("--write", metavar="FILE.jsonl", help="write the rows to a file, e.g. in results/history/")
+
+
+def _add_figures(commands: Any) -> None:
+    p = subcommand(commands, "figures", "write vector figures and tables for a publication")
+    add_results(p)
+    p.add_argument("--paper", action="store_true", help="write figures 1 to 12 of the paper instead, with notes")
+    only = "only this problem, or with --paper this figure, e.g. fig05; may be repeated"
+    p.add_argument("--only", action="append", default=[], metavar="NAME", help=only)
