@@ -184,7 +184,6 @@ ELSEWHERE = {
         "our own code, and the catalogue kept in our cache",
     ),
     "reports/model/catalogue.py": ("is_file read_text", "our own code"),
-    "cli/parser.py": ("glob read_bytes", "our own code"),
     "cli/check.py": ("glob is_file", "a plugin, and the names beside it"),
     "cli/export.py": ("write_text", "a file that the user named"),
     "cli/gate.py": ("exists is_file is_symlink read_text unlink write_text", "files that the user named"),
