@@ -6,6 +6,7 @@ Omega x J Omega is the term that depends on velocity and is lost as easily.
 
 import dataclasses
 import inspect
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.formulations import symbolic, system_elements
 from mbsbench.solvers.formulations.compiled import kernel, soft_rows
+from mbsbench.solvers.formulations.joint_coordinates import code, motion
 from mbsbench.solvers.formulations.methods.choices import GaugeChoices
 
 SUITE = load_suite("ci")
@@ -81,13 +83,26 @@ TOP = "heavy_top[t_end=1]"  # spins: the gyroscopic torque is what holds it up
 GYROSCOPIC = "+ ca.cross(Omega, J @ Omega)"  # in solvers/formulations/symbolic.py
 
 
-def classical_with(monkeypatch, new: str) -> None:
-    """The symbolic route as if that line of its source were another."""
-    source = inspect.getsource(symbolic.body_element)
-    assert GYROSCOPIC in source  # else nothing is planted
+def changed(function, module, old: str, new: str):
+    """The function as if that part of its source were another."""
+    source = textwrap.dedent(inspect.getsource(function))
+    assert old in source  # else nothing is planted
     names: dict = {}
-    exec(source.replace(GYROSCOPIC, new), vars(symbolic), names)
-    monkeypatch.setattr(system_elements, "body_element", names["body_element"])
+    exec(source.replace(old, new), vars(module), names)
+    return names[function.__name__]
+
+
+def classical_with(monkeypatch, new: str) -> None:
+    """The symbolic route with another gyroscopic term."""
+    broken = changed(symbolic.body_element, symbolic, GYROSCOPIC, new)
+    monkeypatch.setattr(system_elements, "body_element", broken)
+
+
+def joints_with(monkeypatch, new: str) -> None:
+    """Joint coordinates with another gyroscopic term, and code of their own."""
+    broken = changed(motion.Motion.carried, motion, "+ ca.cross(omega, spin)", new)
+    monkeypatch.setattr(motion.Motion, "carried", broken)
+    monkeypatch.setattr(code, "_own_text", lambda: f"planted {new}")
 
 
 def geometric_with(monkeypatch, **change: float) -> None:
@@ -121,6 +136,9 @@ def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
     """A sign turned or a term dropped in the source of each solver."""
     if solver in ON_KERNEL:
         kernel_with(monkeypatch, {"sign": -1.0, "dropped": 0.0}[planted])
+        spec = run_of(solver, TOP)
+    elif solver == "dop853_joint":
+        joints_with(monkeypatch, {"sign": "- ca.cross(omega, spin)", "dropped": ""}[planted])
         spec = run_of(solver, TOP)
     elif solver.startswith("gc_"):
         broken = {"sign": {"b_term": -1.0}, "dropped": {"b_term": 0.0}}[planted]
