@@ -17,6 +17,7 @@ from .eta import COMPILING, REFERENCES, waiting
 from .job import Job
 from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, STORED, Run, Send, run_one, send_record
 from .run_file import write_run, write_without_motion
+from .supervisor import outcome_of
 from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
 
 RUNNING = "running"
@@ -73,7 +74,7 @@ def solve_to_file(
         process = Run(job, work, measure_limit)
         try:
             ended = process.wait(lambda: patience.now(_stage(process.hear())))
-            record, stored = process.outcome(ended)
+            record, stored = outcome_of(process, ended)
         finally:
             partial_of(out, process.pid).unlink(missing_ok=True)
         native = job.stderr.read(OUTPUT_LIMIT).decode(errors="replace") if job.stderr.is_there() else ""

@@ -5,6 +5,7 @@ standard input, news go out as lines (module protocol). At the end of its input 
 runs and leaves.
 """
 
+import dataclasses
 import os
 import select
 import signal
@@ -15,6 +16,7 @@ from collections.abc import Iterator
 from ..catalogue import registry
 from ..metrics import compiled
 from ..results import store
+from ..results.records import BadRecord, RunRecord
 from ..sandbox.apart import Ended
 from .job import Job
 from .protocol import Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
@@ -61,12 +63,20 @@ def _finish(run: Run, ended: Ended) -> Done:
     """See that the run has a record."""
     job = run.job
     try:
-        record, stored = run.outcome(ended)
+        record, stored = outcome_of(run, ended)
         if not stored:
             store.write_record(job.folder, record)
     except OSError as error:
         return Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
     return Done(job.id)
+
+
+def outcome_of(run: Run, ended: Ended) -> tuple[RunRecord, bool]:
+    """The run's ``outcome``; where a solver wrote what is no record into its parent's pipe, that is left out."""
+    try:
+        return run.outcome(ended)
+    except BadRecord:
+        return run.outcome(dataclasses.replace(ended, sent=""))
 
 
 def serve(orders: int, news: int) -> None:

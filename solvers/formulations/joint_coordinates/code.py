@@ -52,6 +52,8 @@ def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
         raise ValueError("needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853")
     if operations > MOST_OPERATIONS:
         raise ValueError(too_large(operations))
+    if kept < rows and not system.is_holonomic:
+        raise ValueError("leaves out rows that depend on others, and not every row has a phi to watch: use rkmk_dop853")
     return JointCode(code, kept, rows, operations)
 
 

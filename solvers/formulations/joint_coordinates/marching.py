@@ -238,8 +238,14 @@ def integrate(problem: Problem, control: StepControl) -> Trajectory:
 
 
 def _hand_over(problem: Problem, control: StepControl, done: Trajectory) -> Trajectory:
-    """The rest of the run by the kernel of rkmk_dop853, from the last step on."""
-    start, steps = float(done.t[-1]), done.counters["steps"]
+    """The rest of the run by the kernel of rkmk_dop853, from the start of the last step on: its end is doubtful."""
+    n = max(len(done.t) - 1, 1)
+    assert done.reaction is not None
+    states = States(*(getattr(done.states, name)[:n] for name in NAMES))
+    done = dataclasses.replace(
+        done, t=done.t[:n], states=states, reaction=done.reaction[:n], counters={**done.counters, "steps": n - 1}
+    )
+    start, steps = float(done.t[-1]), n - 1
     used, why = done.cpu_time + done.setup_time, f"{done.message}; from there on by the kernel of rkmk_dop853"
     limit = None if control.cpu_limit is None else max(control.cpu_limit - used, 1e-3)
     left = dataclasses.replace(control, max_steps=control.max_steps - steps, cpu_limit=limit, spool=None)

@@ -191,6 +191,23 @@ def test_cpu_time_is_limited_too(tmp_path):
     assert record.status == Status.UNFINISHED and record.ended_by == EndedBy.CPU_LIMIT
 
 
+def test_garbage_in_the_pipe_of_a_run_costs_that_run_alone(tmp_path):
+    """A solver can find its parent's pipe: what is no record is left out, and how the process ended is the record."""
+    from mbsbench.harness.execution.job import Job
+    from mbsbench.harness.execution.run import Run
+    from mbsbench.harness.execution.supervisor import outcome_of
+    from mbsbench.harness.suites.suite import parse_suite
+
+    def work(send):
+        send("measuring garbage")
+        os.kill(os.getpid(), signal.SIGSEGV)
+
+    job = Job(parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t").specs[0], tmp_path)
+    run = Run(job, work)
+    record, stored = outcome_of(run, run.wait())
+    assert not stored and record.status == Status.CRASHED and record.ended_by == EndedBy.SIGNAL
+
+
 def test_a_process_is_ended_with_all_that_it_started_and_what_it_sent_is_kept(begun_here):
     """At its limit, when it is unwanted, and when its parent is interrupted."""
 
