@@ -57,9 +57,11 @@ LOOPS = f"""<mujoco><worldbody><site name="wall" pos="1 0 1"/>
 <tendon><spatial stiffness="30" damping=".5" springlength=".2"><site site="end"/><site site="wall"/></spatial></tendon>
 </mujoco>"""
 SLENDER = """<mujoco><option gravity="1 0 -9.81"/><worldbody>
-<body name="rod"><joint axis="0 1 .3"/><inertial pos=".3 0 0" mass="1" diaginertia="0 .03 .03"/>
-  <body name="bob" pos=".6 0 0"><joint axis="1 1 0"/><inertial pos="0 .2 .1" mass=".5" diaginertia="0 0 0"/></body>
+<body name="rod"><joint axis="0 1 .3"/><inertial pos=".3 0 0" mass="1" diaginertia="0 .03 .03"/>{bob}
 </body></worldbody></mujoco>"""
+BOB = (
+    '<body name="bob" pos=".6 0 0"><joint axis="1 1 0"/><inertial pos="0 .2 .1" mass=".5" diaginertia="0 0 0"/></body>'
+)
 SPRUNG = f"""<mujoco><option gravity="1 0 -9.81"/><worldbody>
 <body name="a" pos="0 0 1" euler="20 10 5"><joint name="hinge" axis="1 .2 0" pos="0 0 .1" stiffness="7" springref="20"
     damping=".3" armature=".02" ref="5"/>{BOX}
@@ -135,7 +137,14 @@ def moving(m: Mechanism):
     return qpos, qvel
 
 
-MODELS = {"tree": TREE, "loops": LOOPS, "urdf": ROBOT, "slender": SLENDER, "sprung": SPRUNG}
+MODELS = {"tree": TREE, "loops": LOOPS, "urdf": ROBOT, "slender": SLENDER.format(bob=""), "sprung": SPRUNG}
+
+
+def test_a_point_mass_that_a_joint_turns_is_refused(tmp_path):
+    """It would be singular in absolute coordinates; the line names the body and the axis."""
+    m = mechanism_files.read(written(tmp_path, SLENDER.format(bob=BOB)))
+    with pytest.raises(ValueError, match=r"body 'bob' has no inertia about \("):
+        m.problem(qpos=(0.1, 0.2), qvel=(0.3, 0.4))
 
 
 @pytest.mark.parametrize("name", MODELS)
