@@ -139,7 +139,7 @@ class Watch:
         """The number of finished runs, and the time left."""
         now = time.monotonic()
         running = [(job.spec, now - since) for job, since in self.running.values()]
-        left = self.estimate.left(running, (job.spec for job in self.waiting.values()), self.size)
+        left = self.estimate.estimate_left(running, (job.spec for job in self.waiting.values()), self.size)
         words = "" if left is None or not (running or self.waiting) else f", about {in_words(left)} left"
         return f"{self.before + self.done} of {self.total}{words}"
 

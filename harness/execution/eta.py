@@ -48,7 +48,9 @@ class Estimate:
         alike = self.by_solver.get((spec.problem, spec.solver)) or self.all
         return min(statistics.fmean(alike), spec.cpu_limit) if alike else None
 
-    def left(self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], size: int) -> float | None:
+    def estimate_left(
+        self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], size: int
+    ) -> float | None:
         """[s] until all is done with ``size`` runs at a time; ``running`` are runs and since when [s] they run."""
         begun = [(self.guess(c), since) for c, since in running]
         guesses = [self.guess(c) for c in waiting]

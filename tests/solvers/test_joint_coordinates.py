@@ -161,3 +161,13 @@ def test_mechanisms_that_need_too_much_code_are_refused_at_once() -> None:
 def test_every_kind_of_a_tree_is_declared() -> None:
     """A kind that is renamed would be cut without a word."""
     assert set(MOTIONS) <= {str(kind) for kind in KINDS}
+
+
+@pytest.mark.parametrize("name", ["rolling_disc", "knife_edge"])
+def test_dependent_rows_without_phi_are_refused(name):
+    """Declared twice, one row of each pair is left out, and nothing would show that it opens."""
+    whole, twice = (make_problem(name, {"t_end": 0.1, "duplicate": k}) for k in (0, 1))
+    solver, control = make_solver("dop853_joint"), StepControl(rtol=1e-6)
+    assert present_solver(solver, whole).solve(whole, control).status is Status.SUCCESS
+    refused = present_solver(solver, twice).solve(twice, control)
+    assert refused.status is Status.REFUSED and "rkmk_dop853" in refused.message

@@ -241,23 +241,20 @@ def _hand_over(problem: Problem, control: StepControl, done: Trajectory) -> Traj
     """The rest of the run by the kernel of rkmk_dop853, from the start of the last step on: its end is doubtful."""
     n = max(len(done.t) - 1, 1)
     assert done.reaction is not None
-    states = States(*(getattr(done.states, name)[:n] for name in NAMES))
-    done = dataclasses.replace(
-        done, t=done.t[:n], states=states, reaction=done.reaction[:n], counters={**done.counters, "steps": n - 1}
-    )
+    reaction, states = done.reaction[:n], States(*(getattr(done.states, name)[:n] for name in NAMES))
+    done = dataclasses.replace(done, t=done.t[:n], states=states, counters={**done.counters, "steps": n - 1})
     start, steps = float(done.t[-1]), n - 1
     used, why = done.cpu_time + done.setup_time, f"{done.message}; from there on by the kernel of rkmk_dop853"
     limit = None if control.cpu_limit is None else max(control.cpu_limit - used, 1e-3)
     left = dataclasses.replace(control, max_steps=control.max_steps - steps, cpu_limit=limit, spool=None)
     rest = dataclasses.replace(problem, initial=done.states[len(done.t) - 1], t_end=problem.t_end - start)
     out = kernel.integrate(rest, left, explicit_pair(DOPRI853))
-    assert done.reaction is not None
     assert out.reaction is not None
     times = np.where(out.t == rest.t_end, problem.t_end, start + out.t)
     return dataclasses.replace(
         out, t=np.concatenate((done.t, times[1:])), notes=(*done.notes, why),
         states=States(*(np.concatenate((getattr(done.states, n), getattr(out.states, n)[1:])) for n in NAMES)),
         counters={name: count + out.counters[name] for name, count in done.counters.items()},
-        reaction=np.concatenate((done.reaction, out.reaction[1:])), cpu_time=done.cpu_time + out.cpu_time,
+        reaction=np.concatenate((reaction, out.reaction[1:])), cpu_time=done.cpu_time + out.cpu_time,
         setup_time=done.setup_time + out.setup_time,
     )  # fmt: skip

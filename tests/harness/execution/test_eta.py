@@ -26,7 +26,7 @@ def test_earlier_times_are_scaled_by_how_today_compares():
     """Runs that took 1 and 10 s; the first takes 3 today, so the second is guessed at 30, a long one at its limit."""
     short, long, longest, *_ = specs()
     e = Estimate({short.settings_id: 1.0, long.settings_id: 10.0, longest.settings_id: 40.0})
-    assert e.guess(long) == 10.0 and e.left([], [long, long], 2) == 10.0
+    assert e.guess(long) == 10.0 and e.estimate_left([], [long, long], 2) == 10.0
     e.learn(short, 3.0)
     assert e.guess(long) == 30.0 and e.guess(longest) == 50.0
 
@@ -35,11 +35,11 @@ def test_unknown_runs_are_guessed_from_their_like():
     """Same problem and solver first; nothing known, nothing said."""
     a, b, c, d, *_ = specs()
     e = Estimate({})
-    assert e.guess(a) is None and e.left([(a, 1.0)], [b], 1) is None
+    assert e.guess(a) is None and e.estimate_left([(a, 1.0)], [b], 1) is None
     e.learn(a, 8.0)
     e.learn(d, 2.0)
-    assert e.guess(b) == 8.0 and e.left([(b, 5.0)], [c], 1) == 11.0
-    assert e.left([(b, 500.0)], [], 1) == 0.0
+    assert e.guess(b) == 8.0 and e.estimate_left([(b, 5.0)], [c], 1) == 11.0
+    assert e.estimate_left([(b, 500.0)], [], 1) == 0.0
 
 
 def test_times_of_earlier_runs_are_found(tmp_path):
