@@ -68,7 +68,7 @@ def page() -> str:
         rows += textwrap.wrap(f"**{o['objection']}** {o['answer']}", 138, initial_indent="- ",
                               subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)  # fmt: skip
     head = PAGE.read_text(encoding="utf-8").split("\n- **", maxsplit=1)[0]
-    return "\n".join((head, *rows, ""))
+    return "\n".join((head, *rows, "<!-- end -->", ""))
 
 
 def test_the_page_says_what_the_file_says():
