@@ -117,9 +117,14 @@
     // names at the ends of lines, none over another
     const placed = [];
     for (const l of labels.sort((a, b) => a.y - b.y)) {
-      const wide = LETTER * l.name.length, fits = l.start || l.x + wide + 8 < right, x0 = l.start ? l.x : fits ? l.x + 8 : Math.max(Math.min(l.x, right) - wide - 8, left);
-      const home = Math.min(Math.max(l.y + (fits && !l.start ? 4 : -6), top + 10), bottom - 4), free = (v) => v >= top + 9 && v <= bottom - 3 && !placed.some((p) => Math.abs(p.y - v) < 12 && x0 < p.x1 + 4 && x0 + wide + 4 > p.x0);
-      const y = Array.from({ length: 60 }, (_, i) => home + (i % 2 ? 1 : -1) * 3 * Math.ceil(i / 2)).find(free) ?? home;
+      const wide = 7 * l.name.length, inside = (x) => x >= left && x + wide <= right;
+      const beside = (l.start ? [l.x, right - wide - 4] : [l.x + 8, l.x - wide - 8]).filter(inside), sides = beside.length ? beside : [Math.max(right - wide, left)];
+      const home = Math.min(Math.max(l.y + (l.start ? -6 : 4), top + 10), bottom - 4);
+      const free = ([x, y]) => y >= top + 9 && y <= bottom - 3 && !placed.some((p) => Math.abs(p.y - y) < 12 && x < p.x1 + 4 && x + wide + 4 > p.x0);
+      const spots = Array.from({ length: 28 }, (_, i) => home + (i % 2 ? 1 : -1) * 3 * Math.ceil(i / 2)).flatMap((y) => sides.map((x) => [x, y]));
+      const spot = spots.find(free);
+      if (!spot) continue; // where a name has no room it would cover others; the pointer and the legend tell it
+      const [x0, y] = spot;
       placed.push({ x0, x1: x0 + wide, y });
       over.push(text(x0, y, l.name, `class="label halo" style="fill: color-mix(in srgb, ${l.colour} 78%, var(--ink))"`));
     }

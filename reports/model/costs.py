@@ -1,5 +1,6 @@
 """What an error costs on each problem: solvers by CPU time at every power of ten, and why others do not get there."""
 
+import math
 import shlex
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,9 +14,11 @@ UNITS = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm")), "rad": ((
 
 
 def length(value: float, unit: str) -> str:
-    """``1 mm``, ``10 µm``, ``10⁻⁴ rad``."""
+    """``1 mm``, ``610 µm``, ``10⁻⁴ rad``."""
     scale, name = next((u for u in UNITS.get(unit, ((1.0, unit),)) if value >= 0.999 * u[0]), (1.0, unit))
-    return f"{decade(value / scale) if scale == 1.0 else f'{value / scale:.3g}'} {name}"
+    power = math.isclose(math.log10(value), round(math.log10(value)))
+    words = f"{value / scale:.3g}" if scale != 1.0 else decade(value) if power else number(value, 2)
+    return f"{words} {name}"
 
 
 def costs(results: Results, found: Sequence[Frontier], url: Callable[[Run], str]) -> list[dict[str, Any]]:
@@ -62,7 +65,7 @@ def _why(runs: Sequence[Run], best: float | None, unit: str) -> str:
     """Why a solver is not in the race."""
     wrong = [c for c in runs if c.status == "wrong"]
     if best is not None:
-        return f"best {number(best, 2)} {unit}"
+        return f"best {length(float(f'{best:.1e}'), unit)}" if best > 0.0 else f"best 0 {unit}"
     if wrong:
         return f"{mark('wrong').symbol} says success, is wrong"
     return mark(runs[0].status).word

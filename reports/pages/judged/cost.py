@@ -50,7 +50,7 @@ def title(found: Sequence[Frontier]) -> str:
     best = max(sorted(set(firsts)), key=firsts.count)
     unit = own[0].unit if len({f.unit for f in own}) == 1 else "m or rad"
     error = f"{decade(own[0].target)} {unit}"
-    return f"At {error}, {best} is the cheapest on {firsts.count(best)} of {plural(len(own), 'variant')}"
+    return f"At {error}, {best} is cheapest on {firsts.count(best)} of {plural(len(own), 'variant')}"
 
 
 def plots_of(f: Field) -> dict[str, Plot]:

@@ -69,11 +69,11 @@ def answer(race: dict[str, Any], k: int) -> str:
 
 
 def panels_title(found: Sequence[Frontier]) -> str:
-    """Who is the cheapest most often, and how much the middle of the field costs."""
+    """Who is the cheapest most often, and how much the median costs."""
     if not any(f.places for f in found):
         return "Accuracy against cost"
     factors = sorted(p.factor for f in found for p in f.places)
-    return f"{cost.title(found)}; the middle of the field costs {number(factors[len(factors) // 2], 2)} times as much"
+    return f"{cost.title(found)}; the median solver costs {number(factors[len(factors) // 2], 2)} times as much"
 
 
 def _cells(results: Results, site: Site, picture: Heat | None) -> dict[str, Any]:

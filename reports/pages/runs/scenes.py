@@ -1,14 +1,16 @@
 """The mechanisms on stage: of each problem the cheapest accurate run, the paper's and the worst."""
 
+import math
 from typing import Any
 
+from ....harness.results.records import reasons_of
 from ...mechanism.stage import Role, stage
 from ...model.accuracy import measure_for
 from ...model.frontier import of_most_problems
 from ...model.heat import Heat, boxes_of
 from ...model.margin import margin
 from ...model.results import Results, Run, Variant, grouped
-from ...model.words import mark
+from ...model.words import mark, number
 from ..base import Site
 
 MINIATURES = 6
@@ -70,8 +72,10 @@ def scene_of(results: Results, site: Site, variant: Variant, label: str) -> dict
 
 def _said(role: Role, site: Site) -> dict[str, str]:
     run, measured = role.run, mark(role.run.status)
+    broken = reasons_of(run.record.wrong_because) if run.status == "wrong" else ()
+    since = min((r.time_s for r in broken if math.isfinite(r.time_s)), default=math.nan)
     return {
         "solver": run.record.solver, "words": role.words, "step": run.step_words, "url": site.url(run),
-        "claimed": run.record.claimed.replace("_", " "), "measured": measured.word, "kind": measured.kind,
+        "claimed": run.record.claimed.replace("_", " "), "measured": measured.word + (f" from {number(since)} s" if since == since else ""), "kind": measured.kind,
         "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip
