@@ -43,9 +43,9 @@ def add_commands(commands: Any) -> None:
 
 
 def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argparse.ArgumentParser:
-    """A parser that shows ``summary`` in the list of commands and in its own help; ``json``: what --json prints."""
+    """A parser with ``summary`` in its help, up to a semicolon in the list of commands; ``json``: what --json prints."""
     description = f"{summary[0].upper()}{summary[1:]}."
-    p: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=description)
+    p: argparse.ArgumentParser = commands.add_parser(name, help=summary.partition(";")[0], description=description)
     p.set_defaults(command=name)
     if json:
         p.add_argument("--json", action="store_true", help=f"print JSON: {json}")

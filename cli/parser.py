@@ -6,11 +6,32 @@ from typing import Any, NoReturn
 from ..harness.catalogue.options import nearest
 
 WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
+GROUPS = {  # of commands, in the order of --help
+    "run": "solve run advise", "look": "list show report figures history", "put yours in": "check try referee export",
+    "judge": "judge claim gate", "keep results": "verify diff merge",
+}  # fmt: skip
 MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."
 
 
 class UsageError(ValueError):
     """A wrong call: one line, exit code 2."""
+
+
+class Groups(argparse.HelpFormatter):
+    """The commands under the headings of ``GROUPS``, each with its summary."""
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if not isinstance(action, argparse._SubParsersAction):
+            return super()._format_action(action)
+        entries = {a.dest: a for a in action._get_subactions()}
+        grouped = {title: names.split() for title, names in GROUPS.items()}
+        rest = [name for name in entries if not any(name in own for own in grouped.values())]
+        parts = [(title, [n for n in own if n in entries]) for title, own in [*grouped.items(), ("more", rest)]]
+        self._indent()
+        lines = [line for title, own in parts if own
+                 for line in (f"  {title}:\n", *(self._format_action(entries[n]) for n in own))]  # fmt: skip
+        self._dedent()
+        return "".join(lines)
 
 
 class Parser(argparse.ArgumentParser):
@@ -38,6 +59,6 @@ class Parser(argparse.ArgumentParser):
 
 def top_parser() -> tuple[Parser, Any]:
     """The parser of ``mbsbench``, and what its commands are added to."""
-    parser = Parser(prog="mbsbench", description=WORDS, epilog=MORE)
+    parser = Parser(prog="mbsbench", description=WORDS, epilog=MORE, formatter_class=Groups)
     parser.add_argument("--version", action="store_true", help="print the version")
-    return parser, parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
+    return parser, parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=Parser)
