@@ -43,7 +43,7 @@ def add_commands(commands: Any) -> None:
 
 
 def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argparse.ArgumentParser:
-    """A parser with ``summary`` in its help, up to a semicolon in the list of commands; ``json``: what --json prints."""
+    """A parser with ``summary``, listed up to its semicolon; ``json``: what --json prints."""
     description = f"{summary[0].upper()}{summary[1:]}."
     p: argparse.ArgumentParser = commands.add_parser(name, help=summary.partition(";")[0], description=description)
     p.set_defaults(command=name)
