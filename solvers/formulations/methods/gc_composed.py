@@ -10,7 +10,7 @@ from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .choices import Settings
-from .gc_step import Step, accept_step, begin_march, make_step, take_step
+from .gc_step import Step, accept_step, begin_march, begin_step, make_step, take_step
 
 
 class Composed(NamedTuple):
@@ -40,10 +40,10 @@ def step(m):
     t = s.control.t
     for i in range(len(m.gamma)):
         h = m.gamma[i] * s.control.h
+        begin_step(s, h)
         if take_step(s, h, t + 0.5 * h) < 0.0:
             s.control.status = STUCK
             break
-        run(s.move)
         accept_step(s, h, t + 0.5 * h)
         t += h
 

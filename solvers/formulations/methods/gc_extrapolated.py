@@ -16,7 +16,7 @@ from ..compiled.entries import inner, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from .choices import Settings
-from .gc_step import Step, accept_step, begin_march, make_step, restart, take_step
+from .gc_step import Step, accept_step, begin_march, begin_step, make_step, restart, take_step
 
 WIDEST = 2.5  # [rad] of a turn in one step: its logarithm is unique below pi
 NEAR, FORGET = 0.7, 1.05  # of a step that did not converge: how close the next ones come, and its growth a step
@@ -107,9 +107,9 @@ def _attempt(m, H, n):
     restart(s, m.v_dot, m.lam)
     for i in range(n):
         middle = (i + 0.5) * h
+        begin_step(s, h)
         if take_step(s, h, middle) < 0.0:
             return False
-        run(s.move)
         accept_step(s, h, middle)
     return True
 

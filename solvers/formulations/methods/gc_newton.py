@@ -20,6 +20,7 @@ from ..compiled.entries import apart, inner, run
 from ..compiled.kernel import Kernel
 from ..compiled.marching import NOT_FINITE, STUCK
 from ..compiled.saddle_pattern import LU, Saddle
+from .gc_step import move_poses
 
 CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
 NEAR = 3.0  # decades of the determinant below its largest, where rows that lose rank look like redundant ones
@@ -107,8 +108,7 @@ class Step(NamedTuple):
     slopes: int = 0
     factor_saddle: Any = 0
     solve_saddle: Any = 0
-    move: Any = 0  # entries of ``gc_step`` and of functions here
-    complete: int = 0
+    complete: int = 0  # entries of functions here
     evaluate: int = 0
     assemble: int = 0
     begin_step: int = 0
@@ -377,7 +377,7 @@ def evaluate(s):
     """
     g, k, o, half = s.scheme, s.kernel, s.terms, 0.5 * s.scheme.h
     k.t[0] = s.control.t + g.h
-    run(s.move)
+    move_poses(s)
     run(s.complete)
     xi, by_lam = (g.penalty, 2.0) if g.lambda_bar else (0.0, 1.0)  # the nested loop has -xi dphi1 = dt/2 dmu1, too
     total, slip = 0.0, 0.0

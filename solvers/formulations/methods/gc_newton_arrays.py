@@ -20,7 +20,6 @@ from ..rows.kept import newton_code
 from . import gc_newton
 from .choices import TOLD, Settings
 from .gc_newton import PARTS, SCHEME, Step, Terms
-from .gc_step import move_poses
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
 
@@ -94,7 +93,7 @@ def make_step(
     loops = NewtonLoops(system, k)
     loops.at, loops.couple, loops.choice = step, couple, direction
     entries: dict[str, Any] = dict(loops.entries())
-    entries |= {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu), "move": Bound(move_poses, step)}
+    entries |= {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu)}
     step = step._replace(**entries)
     optional = {"leave_redundant": scheme["redundant"], "correct_pose": scheme["closes_pose"]}
     for name in PARTS:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, turned_by
-from ..compiled.entries import Bound, inner, run
+from ..compiled.entries import inner, run
 from ..compiled.kernel import Kernel
 from .choices import TOLD, Settings
 from .gc_wrenches import Arrays, WrenchLoops
@@ -47,7 +47,7 @@ class Step(NamedTuple):
     control: Any
     kernel: Kernel
     scheme: Any  # record: the free choices; log10 det S and its last change; steps known of the past, whether there is
-    # a factor, the rank of the rows at the start, whether ``begin_step`` has been done
+    # a factor, the rank of the rows at the start, whether the next step has begun
     told: Any  # (6,) ``TOLD``
     begin: int  # entries of ``gc_wrenches``
     impulses: int
@@ -70,8 +70,6 @@ class Step(NamedTuple):
     impulse: Any  # (DEPTH, nrows) (nu1 - nu0) / dt of these steps
     middle: Any  # (DEPTH,) [s] their middles
     share: Any  # (DEPTH,) theirs in the estimate of the next step
-    move: Any = 0  # entries of functions here
-    enter: Any = 0
 
 
 def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Step:
@@ -89,13 +87,12 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
     loops = WrenchLoops(system, kernel)
     loops.at = arrays
     entries = loops.entries(int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
-    step = Step(
+    return Step(
         control, kernel, scheme, np.zeros(len(TOLD)), **entries, **arrays._asdict(), f_bar0=np.zeros(nr),
         r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
         acceleration=np.zeros((DEPTH, nb, 6)), impulse=np.zeros((DEPTH, nr)), middle=np.zeros(DEPTH),
         share=np.zeros(DEPTH),
     )  # fmt: skip
-    return step._replace(move=Bound(move_poses, step), enter=Bound(begin_step, step))
 
 
 @inner
@@ -126,7 +123,7 @@ def _spin(k, u):
 
 
 @inner
-def _move(s):
+def move_poses(s):
     """Poses (66) of the end from its velocities."""
     k, half = s.kernel, s.plan[0]
     for b in range(len(k.mass)):
@@ -138,14 +135,11 @@ def _move(s):
         )  # fmt: skip
 
 
-def move_poses(s):
-    """``_move`` as an entry."""
-    _move(s)
-
-
-def begin_step(s):
-    """The start of a step from ``k``, its impulses that the end does not change."""
-    k, h = s.kernel, 2.0 * s.plan[0]
+@inner
+def begin_step(s, h):
+    """The start of a step of h from ``k``, its impulses that the end does not change."""
+    k = s.kernel
+    s.plan[0], s.plan[1] = 0.5 * h, 0.5 * h * s.scheme.b_term
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.v0)
@@ -157,7 +151,6 @@ def begin_step(s):
         for a in range(3):
             k.w[b, a] = k.mass[b] * v[a] + h * s.numbers[b, a]
             k.w[b, 3 + a] = k.R[b, a, 0] * l0 + k.R[b, a, 1] * l1 + k.R[b, a, 2] * l2
-    s.plan[1] = s.plan[0] * s.scheme.b_term
     _spin(k, s.u)
     run(s.begin)
     copy(s.f_bar, s.f_bar0)
@@ -184,15 +177,6 @@ def _estimate(s, h, t):
         for d in range(known):
             x += s.share[d] * s.impulse[d, a]
         s.nu[a] = x / (1.0 - s.scheme.gauge)
-
-
-@inner
-def _find_impulses(s):
-    """w of the present estimate."""
-    _move(s)
-    _spin(s.kernel, s.u)
-    copy(s.known, s.kernel.w)
-    run(s.impulses)
 
 
 @inner
@@ -261,18 +245,19 @@ def _take_velocities(s):
 
 @inner
 def take_step(s, h, t):
-    """One step of h whose middle is at t: the last change of v1 [sqrt(J)], or -1 where it does not converge."""
+    """The step begun, of h and with its middle at t: last change of v1 [sqrt(J)], or -1 where it does not converge."""
     k, g = s.kernel, s.scheme
-    if not (g.begun and s.plan[0] == 0.5 * h):
-        s.plan[0] = 0.5 * h
-        run(s.enter)
-    g.begun = 0
     _estimate(s, h, t)
-    before, refreshed, share = np.inf, 0, 1.0 / (1.0 - g.gauge)
+    change, before, refreshed, share = np.inf, np.inf, 0, 1.0 / (1.0 - g.gauge)
     if g.fall < SINKING:  # on its way to a loss of rank: seen step by step
         g.factored = 0
-    for _ in range(MOST):
-        _find_impulses(s)
+    for _ in range(MOST + 1):
+        move_poses(s)
+        if change < g.tolerance:
+            return change
+        _spin(k, s.u)
+        copy(s.known, k.w)
+        run(s.impulses)
         if g.factored == 0:
             refreshed += 1
             if not _factor(s):
@@ -289,9 +274,7 @@ def take_step(s, h, t):
         s.control.solves += 1
         if not np.isfinite(change):
             return -1.0
-        if change < g.tolerance:
-            return change
-        if change > g.refresh * before:
+        if change >= g.tolerance and change > g.refresh * before:
             if refreshed == REFRESHES and change > 0.5 * before:
                 return -1.0
             if refreshed < REFRESHES:

@@ -18,7 +18,7 @@ from ..compiled.marching import FULL, STUCK, Record
 from ..generated import Program
 from .choices import TOLD, GaugeChoices, Settings
 from .gc_newton_arrays import integrate_newton, newton_steps
-from .gc_step import DEPTH, Step, accept_step, applies, begin_march, make_step, take_step
+from .gc_step import DEPTH, Step, accept_step, applies, begin_march, begin_step, make_step, take_step
 
 PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
 ROUNDING = 1e-14  # of the square of the largest velocity, in any units: what is no acceleration and no load
@@ -32,6 +32,7 @@ class Plain(NamedTuple):
     told: Any  # its
     correct: Any  # entry: poses corrected to phi = 0, if they are
     penalty: Any  # (1,) told
+    begin_next: Any = 0  # entry of the function here
 
 
 def integrate_weak_form(
@@ -50,7 +51,9 @@ def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -
     def prepare(kernel: Kernel, control: np.ndarray) -> Plain:
         one = make_step(system, kernel, control, choices)
         correct = Bound(correct_poses, kernel) if choices.penalty.correct_pose else Program([])
-        return Plain(one, one.told if choices.penalty.active else one.told[:4], correct, np.array([choices.penalty.xi]))
+        told = one.told if choices.penalty.active else one.told[:4]
+        plain = Plain(one, told, correct, np.array([choices.penalty.xi]))
+        return plain._replace(begin_next=Bound(begin_next, plain))
 
     def relieve(problem: Problem, marcher: Marcher) -> Any:
         return Relieved(problem, marcher, full, bool(choices.penalty.active))
@@ -170,19 +173,26 @@ def start(m):
     begin_march(m.step)
 
 
+def begin_next(m):
+    """``begin_step`` as an entry."""
+    begin_step(m.step, m.step.control.h)
+
+
 def step(m):
     """One step of ``control.h``; what does not converge leaves the start in ``r0``, ``R0``, ``v0``."""
     s, c = m.step, m.step.control
     s.told[0] = c.iterations
+    if not (s.scheme.begun and s.plan[0] == 0.5 * c.h):
+        run(m.begin_next)
+    s.scheme.begun = 0
     s.told[2] = take_step(s, c.h, c.t + 0.5 * c.h)
     if s.told[2] < 0.0:
         c.status = STUCK
 
 
 def finish(m):
-    """Poses of the end, corrected and closed; the step becomes the past, and ``lam`` its mean reaction."""
+    """Poses of the end are corrected and closed; the step becomes the past, and ``lam`` its mean reaction."""
     s, c, k = m.step, m.step.control, m.step.kernel
-    run(s.move)
     run(m.correct)
     close_rotations(k.R)
     accept_step(s, c.h, c.t + 0.5 * c.h)
@@ -190,7 +200,7 @@ def finish(m):
     for a in range(len(k.lam)):
         k.lam[a] = s.impulse[d, a] - 0.5 * s.f_bar0[a]
     k.t[0] = c.t + c.h
-    run(s.enter)
+    run(m.begin_next)
     s.scheme.begun = 1
     total = 0.0
     for a in range(len(k.lam)):
