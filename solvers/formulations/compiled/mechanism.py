@@ -23,6 +23,10 @@ LEAST_OF_A_ROW = 50  # operations
 USER_FORCES = "code for the mechanism writes out declared forces only, no user forces: use code = kernel"
 
 
+class NoCode(ValueError):
+    """No code is made of a mechanism; the message says why."""
+
+
 class Coded(NamedTuple):
     """A kernel with entries ``accelerate`` and ``project`` of code, and how many operations the former takes."""
 
@@ -44,15 +48,15 @@ def is_made(system: MultibodySystem, k: Kernel) -> bool:
 
 
 def use_code(system: MultibodySystem, k: Kernel) -> Coded:
-    """Made, or loaded; ValueError where none can be made."""
+    """Made, or loaded; NoCode where none can be made."""
     reason = refusal(system, k)
     if reason:
-        raise ValueError(reason)
+        raise NoCode(reason)
     code, about = Code(lambda: _print(system, k), _key(system, k)), np.zeros(2)
     code.function("about", 1)(about.ctypes.data)
     size, operations = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
-        raise ValueError(_too_large(operations))
+        raise NoCode(_too_large(operations))
     factor, at = np.zeros(size), [k.t, k.r, k.R, k.v]
     moved = [np.zeros_like(x) for x in at[1:]]
     project = (code.address("project"), [*at, factor, *moved]), (code.address("copy"), [*moved, *at[1:]])

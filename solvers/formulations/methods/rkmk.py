@@ -10,15 +10,20 @@ point: that change is of the order of the error, O(h^(p+1)).
 """
 
 import math
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from ....harness.catalogue.options import option
+from ....harness.types import Problem, StepControl
+from ..compiled import mechanism
 from ..compiled.algebra import close_rotations, copy, theta_dot, turned_by
 from ..compiled.entries import inner, run
-from ..compiled.host import Method
-from ..compiled.kernel import Kernel
+from ..compiled.host import Marched, Method
+from ..compiled.kernel import Kernel, empty_kernel
+from .tableaux import Tableau
 
 
 class Stages(NamedTuple):
@@ -45,11 +50,33 @@ def prepare(kernel: Kernel, control: np.ndarray, tableau: Any) -> Stages:
     )  # fmt: skip
 
 
-def explicit_pair(tableau: Any) -> Method:
+@dataclass(frozen=True)
+class ExplicitPair(Marched):
+    """A solver by an embedded pair."""
+
+    code: str = option(
+        "kernel",
+        "machine code of accelerations and projections: the kernel's loops, straight code made for the mechanism, or "
+        "that as soon as it pays, which is at once where it is kept on disk",
+        choices=("kernel", "mechanism", "auto"),
+    )
+
+    control: ClassVar[str] = "rtol"
+    tableau: ClassVar[Tableau]
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Mechanisms of which no code is made, where it is asked for."""
+        return mechanism.refusal(problem.system, empty_kernel(problem.system)) if self.code == "mechanism" else None
+
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        return explicit_pair(self.tableau, self.code)
+
+
+def explicit_pair(tableau: Tableau, code: str = "kernel") -> Method:
     """The method of an embedded pair, first same as last."""
     return Method(
         partial(prepare, tableau=tableau), step, finish, start, order=float(tableau.order),
-        counters=("evaluations", "rejected", "factorisations"),
+        counters=("evaluations", "rejected", "factorisations"), code=code,
     )  # fmt: skip
 
 
