@@ -19,7 +19,7 @@ import numpy as np
 from ....harness.catalogue.options import option
 from ....harness.types import Problem, StepControl
 from ..compiled import mechanism
-from ..compiled.algebra import close_rotations, copy, theta_dot, turned_by
+from ..compiled.algebra import clear, close_rotations, copy, theta_dot, turned_by
 from ..compiled.entries import inner, run
 from ..compiled.host import Marched, Method
 from ..compiled.kernel import Kernel, empty_kernel
@@ -39,6 +39,7 @@ class Stages(NamedTuple):
     R: Any  # (nb, 3, 3) at the start
     y: Any  # (nb, 12)
     slopes: Any  # (s + 1, nb, 12)
+    sums: Any  # (2, nb, 12) of slopes: the estimates
 
 
 def prepare(kernel: Kernel, control: np.ndarray, tableau: Any) -> Stages:
@@ -47,6 +48,7 @@ def prepare(kernel: Kernel, control: np.ndarray, tableau: Any) -> Stages:
     return Stages(
         control, kernel, tableau.c, tableau.a, tableau.b, tableau.error, np.zeros((nb, 12)), np.zeros((nb, 3, 3)),
         np.zeros((nb, 12)), np.zeros((n + 1, nb, 12)),
+        np.zeros((2, nb, 12)),
     )  # fmt: skip
 
 
@@ -146,12 +148,22 @@ def _slope(s, t, out):
 @inner
 def _combine(s, weights, n, h):
     """y = start + h sum weights slopes"""
+    _add(s, weights, n, s.y)
     for b in range(len(s.y)):
         for a in range(12):
-            x = 0.0
-            for i in range(n):
-                x += weights[i] * s.slopes[i, b, a]
-            s.y[b, a] = s.start[b, a] + h * x
+            s.y[b, a] = s.start[b, a] + h * s.y[b, a]
+
+
+@inner
+def _add(s, weights, n, out):
+    """out = sum weights slopes: one slope after the other, which is read once"""
+    clear(out)
+    for i in range(n):
+        w, slope = weights[i], s.slopes[i]
+        if w != 0.0:
+            for b in range(len(out)):
+                for a in range(12):
+                    out[b, a] += w * slope[b, a]
 
 
 @inner
@@ -159,16 +171,13 @@ def _error(s, h, rtol):
     """RMS of the error estimate over ``rtol (1 + |y|)``; angles over ``rtol``."""
     first = second = 0.0
     two, n = len(s.estimate) == 2, s.estimate.shape[1]
+    for e in range(len(s.estimate)):
+        _add(s, s.estimate[e], n, s.sums[e])
     for b in range(len(s.y)):
         for a in range(12):
-            x = y = 0.0
-            for i in range(n):
-                x += s.estimate[0, i] * s.slopes[i, b, a]
-                if two:
-                    y += s.estimate[1, i] * s.slopes[i, b, a]
             scale = rtol if 3 <= a < 6 else rtol * (1.0 + max(abs(s.start[b, a]), abs(s.y[b, a])))
-            first += (x / scale) ** 2
-            second += (y / scale) ** 2
+            first += (s.sums[0, b, a] / scale) ** 2
+            second += (s.sums[1, b, a] / scale) ** 2
     size = 12.0 * len(s.y)
     if not two:
         return h * math.sqrt(first / size)
