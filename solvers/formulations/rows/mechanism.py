@@ -58,7 +58,8 @@ class RankedFactor(Factor):
 
     def invert(self, k: int, pivot: Any) -> Any:
         """1/D of row ``k``."""
-        return ca.if_else(pivot > DEPENDENT * self._diagonal[k], 1 / pivot, 0)
+        inverse = ca.if_else(pivot > DEPENDENT * self._diagonal[k], 1 / pivot, 0)
+        return ca.fabs(inverse)  # else CasADi makes a division and a choice of every product with it
 
     def exchange_numbers(self, kept: ca.SX | None = None) -> ca.SX:
         """The numbers of 1/D and L; those of ``kept`` take their places."""
@@ -152,7 +153,7 @@ class Mechanism:
         return out
 
     def _inverse_mass(self, b: int, load: ca.SX) -> ca.SX:
-        return ca.vertcat(load[:3] / self.system.mass[b], self.J_inv[b] @ load[3:])
+        return ca.vertcat(load[:3] * (1.0 / self.system.mass[b]), self.J_inv[b] @ load[3:])
 
     def _pushed(self, w: Sequence[ca.SX], rows: dict[int, Row], x: dict[int, ca.SX]) -> list[ca.SX]:
         """w + M^-1 A^T x"""
