@@ -107,7 +107,8 @@ def _least_operations(k: Kernel) -> int:
 
 def _key(system: MultibodySystem, k: Kernel) -> str:
     """A digest of all numbers of a system, of the kernel's order, and of what makes code of them."""
-    digest = hashlib.sha256(f"{_texts()} {_text((str(FACTOR),))} {_order(k)} {k.body.tolist()} {MOST_OPERATIONS}".encode())
+    makers = _texts(), _text((__file__, str(FACTOR)))
+    digest = hashlib.sha256(f"{makers} {_order(k)} {k.body.tolist()}".encode())
     for field in fields(system):
         value = getattr(system, field.name)
         if isinstance(value, np.ndarray) and value.dtype != object:
