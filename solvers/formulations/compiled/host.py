@@ -105,9 +105,14 @@ class Marcher:
         if self.method.code == "kernel":
             return make_kernel(self._system, needed)
         empty = empty_kernel(self._system)
-        if self.method.code == "mechanism" or mechanism.is_made(self._system, empty):
+        if self.method.code == "mechanism":
             return self._coded(empty)
         reason = mechanism.refusal(self._system, empty)
+        if reason is None and mechanism.is_made(self._system, empty):
+            try:
+                return self._coded(empty)
+            except mechanism.NoCode as error:
+                reason = str(error)
         self._may_change = reason is None
         self.notes.append(f"code of the kernel{f' ({reason})' if reason else ''}")
         return finish_kernel(self._system, empty, needed)

@@ -108,7 +108,7 @@ def _least_operations(k: Kernel) -> int:
 def _key(system: MultibodySystem, k: Kernel) -> str:
     """A digest of all numbers of a system, of the kernel's order, and of what makes code of them."""
     makers = _texts(), _text((__file__, str(FACTOR)))
-    digest = hashlib.sha256(f"{makers} {_order(k)} {k.body.tolist()}".encode())
+    digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()}".encode())
     for field in fields(system):
         value = getattr(system, field.name)
         if isinstance(value, np.ndarray) and value.dtype != object:
