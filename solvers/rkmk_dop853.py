@@ -10,18 +10,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import Marched, Method
-from .formulations.methods.rkmk import explicit_pair
-from .formulations.methods.tableaux import DOPRI853
+from .formulations.methods.rkmk import ExplicitPair
+from .formulations.methods.tableaux import DOPRI853, Tableau
 
 
 @solver("rkmk_dop853")
 @dataclass(frozen=True)
-class RkmkDop853(Marched):
+class RkmkDop853(ExplicitPair):
     """DOP853 on the rotation group, index 1 with projection, error control."""
 
-    control: ClassVar[str] = "rtol"
-
-    def _method(self, problem: Problem, control: StepControl) -> Method:
-        return explicit_pair(DOPRI853)
+    tableau: ClassVar[Tableau] = DOPRI853

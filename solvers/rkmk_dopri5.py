@@ -10,18 +10,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import Marched, Method
-from .formulations.methods.rkmk import explicit_pair
-from .formulations.methods.tableaux import DOPRI5
+from .formulations.methods.rkmk import ExplicitPair
+from .formulations.methods.tableaux import DOPRI5, Tableau
 
 
 @solver("rkmk_dopri5")
 @dataclass(frozen=True)
-class RkmkDopri5(Marched):
+class RkmkDopri5(ExplicitPair):
     """Dormand-Prince 5(4) on the rotation group, index 1 with projection, error control."""
 
-    control: ClassVar[str] = "rtol"
-
-    def _method(self, problem: Problem, control: StepControl) -> Method:
-        return explicit_pair(DOPRI5)
+    tableau: ClassVar[Tableau] = DOPRI5

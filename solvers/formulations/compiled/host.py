@@ -1,7 +1,7 @@
 """From a problem to a trajectory: the kernel, a method, its march in stretches, limits, spooling."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -9,13 +9,14 @@ import numpy as np
 from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..refusals import without_phi
-from . import marching
+from . import marching, mechanism
 from .entries import Bound, reach
-from .kernel import Kernel, make_kernel, start_at
+from .kernel import Kernel, empty_kernel, finish_kernel, make_kernel, start_at
 from .marching import March, Record, empty_record, march, new_control
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
 ROUNDINGS = 16.0  # of the largest coordinate in a component of phi
+EVALUATIONS_THAT_PAY = 300_000  # with the kernel, that cost as much as code of the mechanism takes to make
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
 
 
@@ -36,6 +37,7 @@ class Method:
     tells: tuple[str, ...] = ()  # diagnostics of each step: what ``told`` of its bundle holds
     explain: Callable[[Any, int], str] | None = None  # words for an outcome of the march
     relieve: Callable[[Problem, Any], Any] | None = None  # another marcher that takes turns with this method's
+    code: str = "kernel"  # or "mechanism", or "auto": whose entries ``accelerate`` and ``project`` are
 
 
 UNTOLD = np.zeros(0)
@@ -87,18 +89,59 @@ class Marcher:
         needed = {*([] if method.start else ["accelerate"]), *method.needs}.union(
             *(reach(function).names for function in functions)
         )
-        self.method, self.state, self.kernel = method, state, make_kernel(problem.system, needed)
-        start_at(self.kernel, problem.initial)
-        self.bundle = method.prepare(self.kernel, state)
-        self._entries = Bound(method.step, self.bundle), Bound(method.finish, self.bundle)
+        self.method, self.state, self._system = method, state, problem.system
+        self.notes, self.making, self._may_change = list[str](), 0.0, False
+        kernel = self._choose_kernel(needed)
+        start_at(kernel, problem.initial)
+        self.bundle = method.prepare(kernel, state)
+        self._bind(kernel)
         self._told = self.bundle.told if method.tells else UNTOLD
         self.start = Bound(method.start, self.bundle) if method.start else self.kernel.accelerate.run
         self.start()
         self.reaction = self.kernel.lam[self.kernel.order][None]
         self.stretch(0)  # compiles, or loads
 
+    def _choose_kernel(self, needed: set[str]) -> Kernel:
+        if self.method.code == "kernel":
+            return make_kernel(self._system, needed)
+        empty = empty_kernel(self._system)
+        if self.method.code == "mechanism":
+            return self._coded(empty)
+        reason = mechanism.refusal(self._system, empty)
+        if reason is None and mechanism.is_made(self._system, empty):
+            try:
+                return self._coded(empty)
+            except mechanism.NoCode as error:
+                reason = str(error)
+        self._may_change = reason is None
+        self.notes.append(f"code of the kernel{f' ({reason})' if reason else ''}")
+        return finish_kernel(self._system, empty, needed)
+
+    def _coded(self, kernel: Kernel) -> Kernel:
+        made = mechanism.use_code(self._system, kernel)
+        since = f" from t = {self.state['t']:g} s on" if self._may_change else ""
+        self.notes.append(f"code of the mechanism{since}: {made.operations} operations an evaluation")
+        return made.kernel
+
+    def _bind(self, kernel: Kernel) -> None:
+        self.kernel = kernel
+        self._entries = Bound(self.method.step, self.bundle), Bound(self.method.finish, self.bundle)
+
+    def _change_code(self) -> None:
+        """From the kernel to code of the mechanism, where a run is so long that it pays."""
+        began = cpu_seconds()
+        try:
+            kernel = self._coded(self.kernel)
+            self.bundle = self.bundle._replace(kernel=kernel)
+            self._bind(kernel)
+        except mechanism.NoCode as error:
+            self.notes[-1] += f" ({error})"
+        self._may_change, self.making = False, cpu_seconds() - began
+
     def stretch(self, n: int) -> Record:
         """Up to ``n`` steps from where it stands; ``state`` says why it has ended."""
+        if self._may_change and self.state["evaluations"] > EVALUATIONS_THAT_PAY:
+            self._change_code()
         record = empty_record(n, len(self.kernel.mass), len(self.kernel.lam), len(self._told))
         Bound(march, March(self.state, self.kernel, record, self._told, *(e.entry for e in self._entries)))()
         return Record(*(a[: self.state["recorded"]] for a in record))
@@ -116,10 +159,17 @@ def integrate(problem: Problem, control: StepControl, method: Method) -> Traject
         rtol=control.rtol or 0.0, max_step=control.max_step or np.inf, dt=control.dt or 0.0,
         next_step=min(FIRST_STEP, problem.t_end), most_cuts=method.most_cuts,
     )  # fmt: skip
-    marcher = Marcher(problem, method, state)
+    try:
+        marcher = Marcher(problem, method, state)
+    except mechanism.NoCode as error:
+        from ..recording import no_trajectory
+
+        return no_trajectory(problem, Status.REFUSED, str(error))
     if method.relieve:
-        marcher = method.relieve(problem, marcher)
-    return _march(problem, control, method, marcher, cpu_seconds() - began)
+        return _march(problem, control, method, method.relieve(problem, marcher), cpu_seconds() - began)
+    out = _march(problem, control, method, marcher, cpu_seconds() - began)
+    making, notes = marcher.making, (*out.notes, *marcher.notes)
+    return replace(out, notes=notes, cpu_time=out.cpu_time - making, setup_time=out.setup_time + making)
 
 
 def _march(problem: Problem, control: StepControl, method: Method, marcher: Any, set_up: float) -> Trajectory:

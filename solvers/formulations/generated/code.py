@@ -78,12 +78,20 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
+def is_kept(key: str) -> bool:
+    """Whether code is kept under ``key``."""
+    return _place(key, _machine()).path.exists()
+
+
+def _place(key: str, machine: llvm.TargetMachine) -> Place:
+    version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
+    name = hashlib.sha256("\0".join((key, *_processor(), machine.triple, version)).encode()).hexdigest()
+    return Place(FOLDER) / f"{name}.o"
+
+
 def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) -> bytes:
     """The object file of ``ir``, from disk if it is there."""
-    version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
-    of = ir if isinstance(ir, str) else key
-    key = hashlib.sha256("\0".join((of, *_processor(), machine.triple, version)).encode()).hexdigest()
-    place = Place(FOLDER) / f"{key}.o"
+    place = _place(ir if isinstance(ir, str) else key, machine)
     with contextlib.suppress(OSError):
         kept = place.read(LARGEST)
         digest, content = kept[:32], kept[32:]

@@ -74,11 +74,15 @@ class Factor:
             pivot = column.pop(k)
             below = sorted(column, key=place.__getitem__)
             self.pivots.append(pivot)
-            self.inverse[k] = 1.0 / pivot
+            self.inverse[k] = self.invert(k, pivot)
             self.L[k] = {row: column[row] * self.inverse[k] for row in below}
             for n, c in enumerate(below):
                 for row in below[n:]:
                     lower[c][row] = lower[c].get(row, ca.SX(0)) - self.L[k][row] * column[c]
+
+    def invert(self, k: int, pivot: Any) -> Any:
+        """1/D of row ``k``."""
+        return 1.0 / pivot
 
     def solve(self, rhs: dict[int, ca.SX]) -> dict[int, ca.SX]:
         """K^-1 rhs; rows that were left out have none."""

@@ -10,15 +10,20 @@ point: that change is of the order of the error, O(h^(p+1)).
 """
 
 import math
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..compiled.algebra import close_rotations, copy, theta_dot, turned_by
+from ....harness.catalogue.options import option
+from ....harness.types import Problem, StepControl
+from ..compiled import mechanism
+from ..compiled.algebra import clear, close_rotations, copy, theta_dot, turned_by
 from ..compiled.entries import inner, run
-from ..compiled.host import Method
-from ..compiled.kernel import Kernel
+from ..compiled.host import Marched, Method
+from ..compiled.kernel import Kernel, empty_kernel
+from .tableaux import Tableau
 
 
 class Stages(NamedTuple):
@@ -34,6 +39,7 @@ class Stages(NamedTuple):
     R: Any  # (nb, 3, 3) at the start
     y: Any  # (nb, 12)
     slopes: Any  # (s + 1, nb, 12)
+    sums: Any  # (2, nb, 12) of slopes: the estimates
 
 
 def prepare(kernel: Kernel, control: np.ndarray, tableau: Any) -> Stages:
@@ -42,14 +48,37 @@ def prepare(kernel: Kernel, control: np.ndarray, tableau: Any) -> Stages:
     return Stages(
         control, kernel, tableau.c, tableau.a, tableau.b, tableau.error, np.zeros((nb, 12)), np.zeros((nb, 3, 3)),
         np.zeros((nb, 12)), np.zeros((n + 1, nb, 12)),
+        np.zeros((2, nb, 12)),
     )  # fmt: skip
 
 
-def explicit_pair(tableau: Any) -> Method:
+@dataclass(frozen=True)
+class ExplicitPair(Marched):
+    """A solver by an embedded pair."""
+
+    code: str = option(
+        "kernel",
+        "machine code of accelerations and projections: the kernel's loops, straight code made for the mechanism, or "
+        "that as soon as it pays, which is at once where it is kept on disk",
+        choices=("kernel", "mechanism", "auto"),
+    )
+
+    control: ClassVar[str] = "rtol"
+    tableau: ClassVar[Tableau]
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Mechanisms of which no code is made, where it is asked for."""
+        return mechanism.refusal(problem.system, empty_kernel(problem.system)) if self.code == "mechanism" else None
+
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        return explicit_pair(self.tableau, self.code)
+
+
+def explicit_pair(tableau: Tableau, code: str = "kernel") -> Method:
     """The method of an embedded pair, first same as last."""
     return Method(
         partial(prepare, tableau=tableau), step, finish, start, order=float(tableau.order),
-        counters=("evaluations", "rejected", "factorisations"),
+        counters=("evaluations", "rejected", "factorisations"), code=code,
     )  # fmt: skip
 
 
@@ -119,12 +148,22 @@ def _slope(s, t, out):
 @inner
 def _combine(s, weights, n, h):
     """y = start + h sum weights slopes"""
+    _add(s, weights, n, s.y)
     for b in range(len(s.y)):
         for a in range(12):
-            x = 0.0
-            for i in range(n):
-                x += weights[i] * s.slopes[i, b, a]
-            s.y[b, a] = s.start[b, a] + h * x
+            s.y[b, a] = s.start[b, a] + h * s.y[b, a]
+
+
+@inner
+def _add(s, weights, n, out):
+    """out = sum weights slopes: one slope after the other, which is read once"""
+    clear(out)
+    for i in range(n):
+        w, slope = weights[i], s.slopes[i]
+        if w != 0.0:
+            for b in range(len(out)):
+                for a in range(12):
+                    out[b, a] += w * slope[b, a]
 
 
 @inner
@@ -132,16 +171,13 @@ def _error(s, h, rtol):
     """RMS of the error estimate over ``rtol (1 + |y|)``; angles over ``rtol``."""
     first = second = 0.0
     two, n = len(s.estimate) == 2, s.estimate.shape[1]
+    for e in range(len(s.estimate)):
+        _add(s, s.estimate[e], n, s.sums[e])
     for b in range(len(s.y)):
         for a in range(12):
-            x = y = 0.0
-            for i in range(n):
-                x += s.estimate[0, i] * s.slopes[i, b, a]
-                if two:
-                    y += s.estimate[1, i] * s.slopes[i, b, a]
             scale = rtol if 3 <= a < 6 else rtol * (1.0 + max(abs(s.start[b, a]), abs(s.y[b, a])))
-            first += (x / scale) ** 2
-            second += (y / scale) ** 2
+            first += (s.sums[0, b, a] / scale) ** 2
+            second += (s.sums[1, b, a] / scale) ** 2
     size = 12.0 * len(s.y)
     if not two:
         return h * math.sqrt(first / size)

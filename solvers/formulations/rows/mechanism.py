@@ -1,0 +1,204 @@
+"""Index 1 of a whole mechanism as one list of operations: its numbers are constants, so that zeros vanish.
+
+S = A M^-1 A^T = L D L^T by scalars, in the order of the kernel's blocks; where a pivot is below ``DEPENDENT`` of its
+own diagonal, its row is redundant there and 1/D is 0, as in the kernel: the rank may change with the configuration.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from ....harness.mechanics import forces
+from ....harness.mechanics.system import GROUND, MultibodySystem
+from ..generated import Straight
+from ..joint_coordinates.elimination import Factor, Matrix
+from .expressions import by_rows, force_numbers, joint_numbers, matrix, push_expressions, row_expressions
+
+DEPENDENT = 1e-9  # as in ``compiled.factor``
+NOISE = 1e-15  # of the largest of its array: a constant that is zero but for rounding
+LAST = 18  # power of the angle at which the series of a correction ends
+
+
+class Part(NamedTuple):
+    """Rows ``of`` a joint, its bodies, and the first of these rows in the kernel."""
+
+    kind: str
+    of: tuple[int, ...]
+    joint: int
+    body: tuple[int, int]
+    first: int
+
+
+class State(NamedTuple):
+    """Time, poses and velocities of all bodies."""
+
+    t: ca.SX
+    r: ca.SX  # (3 nb,)
+    R: ca.SX  # (9 nb,) by rows
+    v: ca.SX  # (6 nb,)
+
+
+class Row(NamedTuple):
+    """A row at a state; A (6,) on each body that moves."""
+
+    A: dict[int, ca.SX]
+    phi: ca.SX
+    phi_t: ca.SX
+    gamma: ca.SX
+
+
+class RankedFactor(Factor):
+    """L and 1/D of S; 1/D is 0 where a row depends on those before it."""
+
+    def __init__(self, S: Matrix, order: Sequence[int]) -> None:
+        self._diagonal = {k: S[k][k] for k in order}
+        super().__init__(S, order)
+
+    def invert(self, k: int, pivot: Any) -> Any:
+        """1/D of row ``k``."""
+        inverse = ca.if_else(pivot > DEPENDENT * self._diagonal[k], 1 / pivot, 0)
+        return ca.fabs(inverse)  # else CasADi makes a division and a choice of every product with it
+
+    def exchange_numbers(self, kept: ca.SX | None = None) -> ca.SX:
+        """The numbers of 1/D and L; those of ``kept`` take their places."""
+        places: list[tuple[dict[int, Any], int]] = []
+        for k in self.order:
+            places += [(self.inverse, k), *((self.L[k], row) for row in self.L[k])]
+        numbers = _column([column[row] for column, row in places])
+        if kept is not None:
+            for n, (column, row) in enumerate(places):
+                column[row] = kept[n]
+        return numbers
+
+
+class Mechanism:
+    """A system, its rows by parts, and the order in which the kernel eliminates them."""
+
+    def __init__(self, system: MultibodySystem, parts: Sequence[Part], order: Sequence[int]) -> None:
+        self.system, self.parts, self.order = system, parts, order
+        self.J_inv = [ca.sparsify(ca.DM(_snapped(a))) for a in np.linalg.inv(system.regular_inertia)]
+
+    def functions(self) -> tuple[dict[str, Straight], int]:
+        """``accelerate`` (t, r, R, v) -> (v_dot, lam, factor), ``project`` (t, r, R, v, factor) -> (r, R, v), ``copy``.
+
+        Projections take one pass each with the factor given. The second result is its size.
+        """
+        nb, n = self.system.nb, len(self.order)
+        at = State(ca.SX.sym("t"), ca.SX.sym("r", 3 * nb), ca.SX.sym("R", 9 * nb), ca.SX.sym("v", 6 * nb))
+        rows = self._rows(at)
+        factor = RankedFactor(self._matrix(rows), self.order)
+        free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
+        lam = factor.solve({k: -row.gamma - _rate(row, free) for k, row in rows.items()})
+        v_dot = self._pushed(free, rows, lam)
+        numbers = factor.exchange_numbers()
+        kept = ca.SX.sym("factor", numbers.numel())
+        factor.exchange_numbers(kept)
+
+        x = factor.solve({k: -row.phi for k, row in rows.items()})
+        change = self._pushed([ca.SX.zeros(6)] * nb, rows, x)
+        R = [_turned(matrix(at.R[9 * b : 9 * b + 9]), change[b][3:]) for b in range(nb)]
+        r = at.r + ca.vertcat(*[a[:3] for a in change])
+        moved = State(at.t, r, ca.vertcat(*map(by_rows, R)), at.v)
+        rows = self._rows(moved)
+        v = ca.vertsplit(at.v, 6)
+        x = factor.solve({k: -row.phi_t - _rate(row, v) for k, row in rows.items()})
+        return {
+            "accelerate": Straight([*at], [ca.vertcat(*v_dot), _column([lam[k] for k in range(n)]), numbers]),
+            "project": Straight([*at, kept], [moved.r, moved.R, ca.vertcat(*self._pushed(v, rows, x))]),
+            "copy": Straight([*at[1:]], [*at[1:]]),
+        }, numbers.numel()
+
+    def _rows(self, at: State) -> dict[int, Row]:
+        out: dict[int, Row] = {}
+        for part in self.parts:
+            e = row_expressions(part.kind, part.of)
+            free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])
+            A, *scalars = free(*_ends(at, part.body), at.t, _joint_numbers(self.system, part.joint))
+            for k in range(len(part.of)):
+                own = {b: A[k, 6 * e : 6 * e + 6].T for e, b in enumerate(part.body) if b != GROUND}
+                out[part.first + k] = Row(own, *(x[k] for x in scalars))
+        return out
+
+    def _matrix(self, rows: dict[int, Row]) -> Matrix:
+        """S, both halves."""
+        S: Matrix = {k: {k: ca.SX(0)} for k in rows}
+        holding: dict[int, list[int]] = {}
+        for k, row in rows.items():
+            for b, a in row.A.items():
+                y = self._inverse_mass(b, a)
+                for other in [*holding.setdefault(b, []), k]:
+                    x = ca.dot(rows[other].A[b], y)
+                    if not x.is_zero():
+                        S[k][other] = S[other][k] = S[k].get(other, 0) + x
+                holding[b].append(k)
+        return S
+
+    def _loads(self, at: State) -> list[ca.SX]:
+        s, out = self.system, list[ca.SX]()
+        for b, v in enumerate(ca.vertsplit(at.v, 6)):
+            J = ca.sparsify(ca.DM(_snapped(s.regular_inertia[b])))
+            out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), -ca.cross(v[3:], J @ v[3:])))
+        for kind, declared in forces.DECLARED.items():
+            e = push_expressions(kind)
+            free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.load])
+            for m, numbers in enumerate(force_numbers(s, kind)):  # of several units: none is small beside others
+                j = int(getattr(s, f"{kind}_j")[m]) if declared.pair else GROUND
+                ends = int(getattr(s, f"{kind}_i")[m]), j
+                load = free(*_ends(at, ends), at.t, numbers)
+                for e_b, b in enumerate(ends):
+                    if b != GROUND:
+                        out[b] = out[b] + load[6 * e_b : 6 * e_b + 6]
+        return out
+
+    def _inverse_mass(self, b: int, load: ca.SX) -> ca.SX:
+        return ca.vertcat(load[:3] * (1.0 / self.system.mass[b]), self.J_inv[b] @ load[3:])
+
+    def _pushed(self, w: Sequence[ca.SX], rows: dict[int, Row], x: dict[int, ca.SX]) -> list[ca.SX]:
+        """w + M^-1 A^T x"""
+        load = [ca.SX.zeros(6) for _ in w]
+        for k, row in rows.items():
+            for b, a in row.A.items():
+                load[b] = load[b] + a * x[k]
+        return [w_b + self._inverse_mass(b, load[b]) for b, w_b in enumerate(w)]
+
+
+def _ends(at: State, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
+    still = ca.SX.zeros(3), by_rows(ca.SX.eye(3)), ca.SX.zeros(6)
+    (r_i, R_i, v_i), (r_j, R_j, v_j) = (
+        still if b == GROUND else (at.r[3 * b : 3 * b + 3], at.R[9 * b : 9 * b + 9], at.v[6 * b : 6 * b + 6])
+        for b in body
+    )
+    return ca.vertcat(r_i, R_i, r_j, R_j), ca.vertcat(v_i, v_j)
+
+
+def _joint_numbers(system: MultibodySystem, joint: int) -> np.ndarray:
+    """Numbers of a joint, free of rounding where they are zero."""
+    numbers = joint_numbers(system, np.array([joint]))[0]
+    for part in (slice(0, 6), slice(6, 12), slice(12, 21)):
+        numbers[part] = _snapped(numbers[part])
+    return numbers
+
+
+def _snapped(a: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(a) < NOISE * np.max(np.abs(a), initial=0.0), 0.0, a)
+
+
+def _rate(row: Row, w: Sequence[ca.SX]) -> Any:
+    """A w"""
+    return sum((ca.dot(a, w[b]) for b, a in row.A.items()), ca.SX(0))
+
+
+def _turned(R: ca.SX, a: ca.SX) -> ca.SX:
+    """R exp(hat(a)) of a correction, by series."""
+    s: Any = ca.dot(a, a)
+    f = g = ca.SX(1)
+    for n in range(LAST, 0, -2):
+        f, g = 1 - s * (1.0 / (n * (n + 1))) * f, 1 - s * (1.0 / ((n + 1) * (n + 2))) * g
+    hat = ca.skew(a)
+    return R @ (ca.SX.eye(3) + f * hat + 0.5 * g * (hat @ hat))
+
+
+def _column(a: Sequence[ca.SX]) -> ca.SX:
+    return ca.densify(ca.vertcat(*a)) if len(a) else ca.SX(0, 1)

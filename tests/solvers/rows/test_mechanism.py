@@ -1,0 +1,177 @@
+"""Straight code of a whole mechanism: the judge's accelerations, the kernel's motion, and who is chosen when."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics import so3
+from mbsbench.harness.mechanics.index1 import index_1
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate
+from mbsbench.harness.mechanics.state import State, States
+from mbsbench.harness.mechanics.system import MultibodySystem
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.solvers.formulations.compiled import host, mechanism
+from mbsbench.solvers.formulations.compiled.kernel import Kernel, empty_kernel, make_kernel, start_at
+from mbsbench.solvers.formulations.generated import code as objects
+
+from ..arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
+from ..arbitrary_systems import consistent, linkage, with_user_forces
+
+SYSTEMS = {"linkage": linkage(springs=True), "all joints": all_joints(), "moving rows": moving_rows(None)}
+PROBLEMS = {  # t_end [s]; pins, springs and dampers, line rows, drives, rows of velocities alone, redundant rows
+    "heavy_top": 0.3, "chain": 0.1, "flyball_governor": 0.05, "damped_linkage": 0.3, "slider_crank": 0.3,
+    "torque_free_body": 0.3, "driven_slider_crank": 0.5, "stewart_platform": 0.2, "rolling_disc": 0.5, "bricard": 0.5,
+}  # fmt: skip
+SAME = 1e-9  # [m] of step sizes that differ by rounding
+ROUNDING, DIFFERENCES = 1e-12, 1e-9  # the judge's A_dot v of moving rows is a difference
+
+
+def coded(system: MultibodySystem) -> Kernel:
+    return mechanism.use_code(system, empty_kernel(system)).kernel
+
+
+def solve(problem: Problem, code: str, solver: str = "rkmk_dop853", rtol: float = 1e-9) -> Trajectory:
+    """A run that must succeed."""
+    out = make_solver(solver, {"code": code}).solve(problem, StepControl(rtol=rtol))
+    assert out.status is Status.SUCCESS, out.message
+    return out
+
+
+def check_same(one: Trajectory, other: Trajectory) -> None:
+    """As many steps, and the same end."""
+    assert len(one.t) == len(other.t) and one.reaction is not None and other.reaction is not None
+    for name in ("r", "R"):
+        assert np.max(np.abs(getattr(one.states, name)[-1] - getattr(other.states, name)[-1])) < SAME
+    largest = max(1.0, float(np.max(np.abs(one.reaction), initial=0.0)))
+    assert np.max(np.abs(one.reaction[-1] - other.reaction[-1]), initial=0.0) < 1e3 * SAME * largest
+
+
+def check_accelerations(system: MultibodySystem, s: State) -> None:
+    """The judge's accelerations and load of the reactions; those of the kernel to rounding."""
+    k, kernel = coded(system), make_kernel(system, ("accelerate",))
+    for one in (k, kernel):
+        start_at(one, s)
+        one.accelerate.run()
+    judge = index_1(system, States.one(s))
+    load = (constraint_jacobian(system, s).T @ k.lam[k.order]).reshape(-1, 6)
+    moving = len(system.moving_rows().joint)
+    for found, of_kernel, of_judge in ((k.v_dot, kernel.v_dot, judge.a[0]), (load, None, judge.load[0])):
+        size = max(1.0, float(np.max(np.abs(of_judge))))
+        assert np.max(np.abs(found - of_judge)) < (DIFFERENCES if moving else ROUNDING) * size
+        assert of_kernel is None or np.max(np.abs(found - of_kernel)) < ROUNDING * size
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+def test_accelerations_and_reactions_are_the_judges(system: MultibodySystem, seed: int) -> None:
+    """At random states of systems without symmetry."""
+    check_accelerations(system, consistent(system, seed))
+
+
+@pytest.mark.parametrize("ground", [True, False])
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_of_joint_has_the_judges_accelerations(kind, ground: bool) -> None:
+    """Each alone, between two bodies and on the ground."""
+    check_accelerations(*one_joint(kind, ground=ground))
+
+
+@pytest.mark.parametrize("kind", MOVING)
+def test_each_kind_of_moving_row_has_the_judges_accelerations(kind: str) -> None:
+    """Drives, knife edges and discs."""
+    system = moving_rows(kind)
+    check_accelerations(system, consistent(system, 3))
+
+
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+def test_projection_meets_the_constraints(system: MultibodySystem) -> None:
+    """A few passes bring phi and phi_dot to rounding, since each leaves the square of what there was."""
+    s, k = consistent(system, 1), coded(system)
+    start_at(k, State(s.r + 1e-4, s.R, s.v + 1e-4, s.Omega, s.t))
+    for _ in range(4):
+        k.accelerate.run()
+        k.project.run()
+    now = States.one(State(k.r, k.R, k.v[:, :3], k.v[:, 3:], k.t[0]))
+    assert np.max(np.abs(constraint(system, now))) < 1e-13
+    assert np.max(np.abs(constraint_rate(system, now))) < ROUNDING
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_code_gives_the_kernels_motion(name: str) -> None:
+    """Straight code instead of loops over joints: the same steps, the same motion and reactions to rounding."""
+    problem = dataclasses.replace(make_problem(name, {}), t_end=PROBLEMS[name])
+    check_same(*(solve(problem, code) for code in ("mechanism", "kernel")))
+
+
+def test_pairs_of_lower_order_run_on_code() -> None:
+    """The pair of Dormand and Prince has the same option."""
+    problem = dataclasses.replace(make_problem("chain", {}), t_end=0.1)
+    check_same(*(solve(problem, code, "rkmk_dopri5", 1e-6) for code in ("mechanism", "kernel")))
+
+
+def test_a_tilt_that_leaves_no_zeros_leaves_the_motion() -> None:
+    """By 1e-9 rad: more operations, as axes and gravity have no zeros, and the motion tilted by as much."""
+    straight, tilted = (
+        dataclasses.replace(make_problem("slider_crank", {"rotation": a}), t_end=0.3)
+        for a in ((0.0, 0.0, 0.0), (1e-9, -1e-9, 1e-9))
+    )
+    one, other = (mechanism.use_code(p.system, empty_kernel(p.system)).operations for p in (straight, tilted))
+    assert other > one
+    new, old = solve(straight, "mechanism"), solve(tilted, "mechanism")
+    assert np.max(np.abs(new.states.r[-1] - old.states.r[-1])) < 1e-8
+
+
+def test_a_run_past_flat_cells_is_the_kernels() -> None:
+    """Turning four-bar cells pass the flat position, where the rank of their rows falls."""
+    problem = dataclasses.replace(make_problem("n_four_bar", {"windows": 2}), t_end=4.0)
+    check_same(*(solve(problem, code, rtol=1e-6) for code in ("mechanism", "kernel")))
+
+
+@pytest.mark.parametrize("angle", [0.1, 1e-3, 1e-5, 1e-7, 0.0])
+def test_rank_changes_as_in_the_kernel(angle: float) -> None:
+    """Four-bar cells that stand by ``angle`` [rad] above flat: code drops the rows that the kernel drops."""
+    problem = make_problem("n_four_bar", {"windows": 2})
+    s, turn = problem.initial, so3.exp(np.array([0.0, 0.0, angle - 0.5 * np.pi]))
+    up, bridges = np.array([0.0, 1.0, 0.0]), s.r[:, 1] > 0.9  # between the upper ends of bars of 1 m
+    r = np.where(bridges[:, None], s.r + turn @ up - up, s.r + 0.5 * (turn @ up - up))
+    R = np.where(bridges[:, None, None], s.R, turn @ s.R)
+    flat = State(r, R, np.zeros_like(r), np.zeros_like(r), 0.0)
+    assert np.max(np.abs(constraint(problem.system, States.one(flat)))) < 1e-15
+    k, c = make_kernel(problem.system, ("accelerate",)), coded(problem.system)
+    for one in (k, c):
+        start_at(one, flat)
+        one.accelerate.run()
+    assert (k.state["rank"] < 29) == (angle < 1e-4)
+    assert np.max(np.abs(k.v_dot - c.v_dot)) < 1e-10 and np.array_equal(k.lam == 0.0, c.lam == 0.0)
+
+
+def test_auto_takes_the_kernel_until_code_pays_and_kept_code_at_once(monkeypatch, tmp_path) -> None:
+    """What was used stands in the run; making code is set-up, not the run."""
+    problem = dataclasses.replace(make_problem("chain", {"links": 6}), t_end=0.5)
+    monkeypatch.setattr(objects, "FOLDER", tmp_path)
+    monkeypatch.setattr(host, "STRETCH_BYTES", 1.0)
+    kernel = solve(problem, "auto")
+    assert kernel.notes == ("code of the kernel",) and not objects.is_kept("")
+    monkeypatch.setattr(host, "EVALUATIONS_THAT_PAY", 100)
+    changed = solve(problem, "auto")
+    assert changed.notes[0] == "code of the kernel" and "code of the mechanism from t = " in changed.notes[1]
+    at_once = solve(problem, "auto")
+    assert at_once.notes[0].startswith("code of the mechanism:") and len(at_once.notes) == 1
+    for out in (kernel, changed):
+        check_same(out, at_once)
+    assert changed.setup_time > changed.cpu_time
+
+
+def test_without_code_the_kernel_runs_or_the_run_is_refused() -> None:
+    """User forces and large mechanisms: ``auto`` says so and runs, ``mechanism`` refuses, at once."""
+    solver, control = make_solver("rkmk_dop853", {"code": "mechanism"}), StepControl(rtol=1e-6)
+    large = dataclasses.replace(make_problem("four_bar_grid", {}), t_end=0.01)
+    assert "30000 operations" in solver.refuses(large, control)
+    assert "30000 operations" in solve(large, "auto").notes[0]
+    system = with_user_forces()
+    assert "user forces" in mechanism.refusal(system, empty_kernel(system))
+    barely = dataclasses.replace(make_problem("four_bar_grid", {"rows": 3, "columns": 2}), t_end=0.01)
+    assert solver.solve(barely, control).status is Status.REFUSED
+    assert "30000 operations" in solve(barely, "auto").notes[0]
