@@ -20,8 +20,9 @@ from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import MultibodySystem, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem, ReferenceKind
 from .exact.balls import in_balls, nearest_rotation, vector
-from .exact.euler_top import euler_top
+from .exact.one_body import pinned_motion
 from .exact.pinned import FINAL, PinnedBody, PinnedMotion
+from .exact.theta import UNIT
 
 Triple = tuple[float, float, float]
 
@@ -49,10 +50,11 @@ class Thrown:
         return States(r.astype(float)[:, None], s.R, v.astype(float)[:, None], s.Omega)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m]: that of the attitude, and the rounding of C to float64."""
-        t = np.abs(np.asarray(t, dtype=float))
-        way = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * t + 0.5 * np.linalg.norm(self.gravity) * t**2
-        return self.about_C.error(t) + FINAL * way
+        """Bound [m]: that of the attitude, and the rounding of C, in 64 bits and at last to float64."""
+        t = np.asarray(t, dtype=float)
+        way = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * np.abs(t) + np.linalg.norm(self.gravity) * t**2
+        r = self.r0 + self.v0 * t[:, None] + 0.5 * self.gravity * t[:, None] ** 2
+        return self.about_C.error(t) + FINAL * np.linalg.norm(r, axis=1) + 8.0 * UNIT * way
 
 
 @problem("free_body")
@@ -103,5 +105,5 @@ def _spin(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"
 def _motion(system: MultibodySystem, start: State) -> Thrown | None:
     inertia, nowhere = system.inertia[0], np.zeros(3)
     body = PinnedBody(float(system.mass[0]), inertia, inertia, nowhere, nowhere, nowhere)
-    about_C = euler_top(body, nearest_rotation(start.R[0]), vector(start.Omega[0]))
+    about_C = pinned_motion(body, nearest_rotation(start.R[0]), vector(start.Omega[0]))
     return None if about_C is None else Thrown(about_C, start.r[0], start.v[0], system.gravity)

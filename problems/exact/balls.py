@@ -19,6 +19,10 @@ Quaternion = list[arb]  # w, x, y, z
 P, T = ParamSpec("P"), TypeVar("T")
 
 
+class TooWide(ArithmeticError):
+    """A ball that holds everything: a start too near a motion of another kind."""
+
+
 def in_balls(function: Callable[P, T]) -> Callable[P, T]:
     """Run ``function`` at ``BITS`` of precision."""
 
@@ -72,6 +76,8 @@ def applied(A: Matrix, b: Vector) -> Vector:
 
 def root(x: arb) -> arb:
     """The square root of a number that is known not to be negative, though its ball may reach below zero."""
+    if not x.is_finite():
+        raise TooWide
     if x.lower() > 0:
         return x.sqrt()
     return arb(0).union(x.upper().sqrt())
@@ -131,6 +137,8 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 def extended(x: arb) -> np.longdouble:
     """A number of at most 64 bits within an ulp of the middle of the ball."""
+    if not x.is_finite():
+        raise TooWide
     total, rest = np.longdouble(0.0), x.mid()
     for _ in range(3):
         part = float(rest)

@@ -36,25 +36,27 @@ class CayleyKlein:
         """R in extended precision, and Omega = 2 vec(q* q_dot) (body) in float64."""
         w = self.z(t)
         D = self.under(w).real
-        p, s = (over(w) / D * turn(t) for over, turn in ((self.over_p, self.turn_p), (self.over_s, self.turn_s)))
+        turn_p, turn_s = self.turn_p(t), self.turn_s(t)
+        p, s = (over(w) / D * turn for over, turn in ((self.over_p, turn_p), (self.over_s, turn_s)))
         left, right = (tuple(extended(x) for x in q) for q in (self.left, self.right))
         R = rotation(_times(_times(left, _four(p, s)), right))
         rate, mu_p, mu_s = self.rates
+        w, p, s, D = (x.astype(y) for x, y in ((w, complex), (p, complex), (s, complex), (D, float)))
         log = self.under.slope(w).real / D
-        p_dot = rate * (self.over_p.slope(w) / D * self.turn_p(t) - p * log) + 1j * mu_p * p
-        s_dot = rate * (self.over_s.slope(w) / D * self.turn_s(t) - s * log) + 1j * mu_s * s
+        p_dot = rate * (self.over_p.slope(w) / D * turn_p.astype(complex) - p * log) + 1j * mu_p * p
+        s_dot = rate * (self.over_s.slope(w) / D * turn_s.astype(complex) - s * log) + 1j * mu_s * s
         back = (p.real, -s.real, -s.imag, -p.imag)
         Omega = 2.0 * np.stack(_times(back, _four(p_dot, s_dot))[1:], axis=-1)
         B = rotation((right[0], -right[1], -right[2], -right[3]))
-        return R, (Omega @ B.T).astype(float)
+        return R, Omega @ B.astype(float).T
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Proved bound on the Frobenius norm of the error of R: 8 times that of the quaternion, and 200 roundings."""
+        """Proved bound on the Frobenius norm of the error of R: 3 times that of the quaternion, and 100 roundings."""
         phase = self.z.error(t)
         under = self.under.error(phase)
         quotients = sum(over.error(phase) + under for over in (self.over_p, self.over_s))
         q = 1.1 * quotients / (self.least - under) + self.turn_p.error(t) + self.turn_s.error(t)
-        return 8.0 * (q + largest_radius([*self.left, *self.right])) + 200.0 * UNIT
+        return 3.0 * (q + 4.0 * largest_radius([*self.left, *self.right])) + 100.0 * UNIT
 
 
 def even_turns(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb) -> CayleyKlein:

@@ -95,15 +95,15 @@ class JacobiMatrix:
         l = np.stack([over(w).real / D for over in self.l], axis=-1)
         left, axes = (np.array([[extended(x) for x in row] for row in A]) for A in (self.left, self.axes))
         R = left @ np.stack((U.real, U.imag, l), axis=1) @ axes.T
-        return R, (self.rates * l @ axes.T).astype(float)
+        return R, self.rates * l.astype(float) @ axes.astype(float).T
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Proved bound on the Frobenius norm of the error of R: those of its columns, and 200 roundings."""
+        """Proved bound on the Frobenius norm of the error of R: those of its columns, and 100 roundings."""
         phase = self.z.error(t)
         under = self.under.error(phase)
         quotients = sum(over.error(phase) + under for over in (*self.U, *self.l))
         constant = largest_radius([x for row in (*self.left, *self.axes) for x in row])
-        return 1.1 * quotients / (self.least - under) + 3.0 * self.turn.error(t) + 20.0 * constant + 200.0 * UNIT
+        return 1.1 * quotients / (self.least - under) + 3.0 * self.turn.error(t) + 20.0 * constant + 100.0 * UNIT
 
 
 def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rounded: Rounded) -> PinnedMotion:
@@ -121,7 +121,7 @@ def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rou
     side = 1 if I3 > I2 else -1
     B2 = up * side * B  # L2 = B2 sn x, from L1_dot = L2 L3 (1/I3 - 1/I2)
     z0 = to_phase * elliptic_argument(L[1] / B2, L[0] / A, m)
-    root_height = root(B**2 - A**2)
+    root_height = root(B * B - A * A)
     eta = side * to_phase * elliptic_argument(A / B, root_height / B, 1 - m)
     rate = to_phase * lam
     # sn, cn, dn as quotients of theta1, theta2, theta3 by theta4, scaled to the components of L/|L|

@@ -67,8 +67,8 @@ def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion |
     rates = abs(float(top.spin)) + abs(float(top.b)) + float(root(top.beta * (u3 - u1)))
     upper = bool(u3 - u2 > EQUAL)
     if not u2 - u1 > EQUAL or (not upper and not abs(top.u - u2) > EQUAL):
-        pole = not 1 - top.u**2 > EQUAL
-        precession = arb(0) if pole else (top.b - top.a * top.u) / (1 - top.u**2)
+        pole = not 1 - top.u * top.u > EQUAL
+        precession = arb(0) if pole else (top.b - top.a * top.u) / (1 - top.u * top.u)
         rounded = Rounded.unless(False, rates)
         return steady_precession(body, R0, k, precession, axis, top.spin - top.u * precession, rounded)
     if not upper:
@@ -107,19 +107,19 @@ class _Constants:
         u_dot = dot(k, cross(Omega, e))
         a = ratio * spin
         b = dot(k, Omega) + (a - spin) * u
-        alpha = dot(Omega, Omega) - spin**2 + beta * u
+        alpha = dot(Omega, Omega) - spin * spin + beta * u
         return _Constants(
-            u, u_dot, a, b, beta, spin, _cubic((alpha + a**2) / beta, 2 * a * b / beta - 1, (alpha - b**2) / beta)
+            u, u_dot, a, b, beta, spin, _cubic((alpha + a * a) / beta, 2 * a * b / beta - 1, (alpha - b * b) / beta)
         )
 
 
 def _cubic(sum_: arb, p: arb, q: arb) -> tuple[arb, arb, arb]:
     """The three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing: -1 <= u1 <= u2 <= 1 <= u3."""
     third = sum_ / 3
-    radius = root(third**2 - p / 3)
+    radius = root(third * third - p / 3)
     if not radius > 0:
         return third, third, third
-    cosine = (2 * third**3 - third * p - q) / (2 * radius**3)
+    cosine = (2 * third * third * third - third * p - q) / (2 * radius * radius * radius)
     angle = arb.atan2(root((1 - cosine) * (1 + cosine)), cosine) / 3
     u3, u1, u2 = (third + 2 * radius * (angle - 2 * arb.pi() * j / 3).cos() for j in (0, 2, 1))
     u1, u2 = u1.min(u2), u1.max(u2)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...harness.mechanics.state import State
 from ...harness.mechanics.system import MultibodySystem
-from .balls import Matrix, Vector, in_balls, nearest_rotation, vector
+from .balls import Matrix, TooWide, Vector, in_balls, nearest_rotation, vector
 from .euler_top import euler_top
 from .lagrange_top import lagrange_top
 from .pinned import PinnedBody, PinnedMotion
@@ -19,6 +19,9 @@ def one_body_motion(system: MultibodySystem, start: State) -> PinnedMotion | Non
 
 def pinned_motion(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
     """From a start in balls."""
-    if not np.any(body.arm) or not np.any(body.gravity):
-        return euler_top(body, R0, Omega0)
-    return lagrange_top(body, R0, Omega0)
+    try:
+        if not np.any(body.arm) or not np.any(body.gravity):
+            return euler_top(body, R0, Omega0)
+        return lagrange_top(body, R0, Omega0)
+    except TooWide:
+        return None
