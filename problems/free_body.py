@@ -35,8 +35,12 @@ class Thrown:
     r0: Float[np.ndarray, " 3"]
     v0: Float[np.ndarray, " 3"]
     gravity: Float[np.ndarray, " 3"]
-    route: str = "parabola of C and theta functions (Euler's top)"
     horizon: float = math.inf
+
+    @property
+    def route(self) -> str:
+        """The parabola's and that of the attitude."""
+        return f"parabola of C and {self.about_C.route}"
 
     @property
     def kind(self) -> ReferenceKind:

@@ -12,7 +12,7 @@ p = cos(theta/2) exp(i (phi + psi)/2), s = sin(theta/2) exp(i (phi - psi)/2), a 
     s = Q theta2(z - i eta_s)/theta4(z) exp(i mu_s t)
 
 where theta1(z - i eta_p) vanishes with u = -1 and theta2(z - i eta_s) with u = 1 (Klein and Sommerfeld, ch. VI).
-Constants are computed in balls from the start as given, so that neither planar nor nearly steady motions lose any digit;
+Constants are computed in balls from the start as given, so that neither planar nor nearly steady motions lose a digit;
 p, s and their derivatives at t = 0 are compared with the start.
 """
 
@@ -52,7 +52,8 @@ def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion |
     """The motion, or None if the body is not symmetric about the line OC or approaches an unstable equilibrium."""
     e = body.arm / np.linalg.norm(body.arm)
     across = np.diag(body.inertia_C)[body.arm == 0.0]
-    exact = len(across) == 2 and across[0] == across[1] and not np.any(body.inertia_C - np.diag(np.diag(body.inertia_C)))
+    diagonal = np.array_equal(body.inertia_C, np.diag(np.diag(body.inertia_C)))
+    exact = diagonal and len(across) == 2 and across[0] == across[1]
     float_axial = float(e @ body.inertia_C @ e)
     float_transverse = float(across[0]) if exact else 0.5 * (float(np.trace(body.inertia_C)) - float_axial)
     symmetric = float_axial * np.outer(e, e) + float_transverse * (np.eye(3) - np.outer(e, e))

@@ -76,11 +76,16 @@ class PinnedBody:
 class PinnedMotion:
     """A motion by its attitude, with the bound on its error."""
 
-    route: str
+    formula: str
     body: PinnedBody
     motion: Attitude
     rounded: Rounded
     horizon: float = float("inf")
+
+    @property
+    def route(self) -> str:
+        """The formula, and what its error is worth."""
+        return f"{self.formula}, {self.kind}"
 
     @property
     def kind(self) -> ReferenceKind:

@@ -66,7 +66,7 @@ class Phase:
         return TABLE[part.astype(int) % PARTS] * (cosine + 1j * (x * sine))
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Proved bound on the distance of the value: 7 for turns to radians; roundings of sums, of table and product."""
+        """Proved bound on the distance of the value: 7 for turns to radians; roundings of sums, table, product."""
         rest = abs(float(self.low)) * np.abs(t)
         return 7.0 * (self.radius + self.rate_radius * np.abs(t) + 5.0 * UNIT * (1.0 + rest)) + 8.0 * UNIT
 
