@@ -32,7 +32,6 @@ from .balls import (
     norm,
     product,
     root,
-    scaled,
     transposed,
     vector,
 )
@@ -135,9 +134,7 @@ def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rou
     at, slope = (thetas(acb(z0, -eta), tau, d) for d in (0, 1))
     D, D_dot = (thetas(acb(z0), tau, d)[3] for d in (0, 1))
     kinds = (3, 2, 0)
-    turning = [
-        U_dot / U - rate * (slope[k] / at[k] - D_dot / D) for U, U_dot, k in zip(U0, U0_dot, kinds, strict=True)
-    ]
+    turning = [U_dot / U - rate * (slope[k] / at[k] - D_dot / D) for U, U_dot, k in zip(U0, U0_dot, kinds, strict=True)]
     l0 = [s * thetas(acb(z0), tau)[k] / D for s, k in zip(scales, (1, 0, 2), strict=True)]
     known = zip(l0, rows[2], strict=True)
     if not all(x.overlaps(acb(0, turning[0].imag)) for x in turning) or not all(x.overlaps(acb(y)) for x, y in known):

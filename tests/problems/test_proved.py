@@ -1,5 +1,7 @@
 """Proved references against Taylor series in 50 digits, which share no equation with them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpmath import mp, mpf
@@ -11,19 +13,20 @@ from mbsbench.problems.exact.balls import in_balls, nearest_rotation, vector
 from mbsbench.problems.exact.one_body import pinned_motion
 from mbsbench.problems.exact.pinned import PinnedBody, PinnedMotion
 
-DIGITS, ORDER = 50, 40
+DIGITS, ORDER = 50, 25
+SKEWED = np.diag([1.0 + 1e-11, 1.0, 1.0])
 LEVER = 1e-15  # [m]
 ANGLE = 1e-14  # [rad]
 CASES = [
-    ("heavy_top", {}, 1.0),
-    ("heavy_top", {"theta0": 30.0, "phi_dot0": 20.0, "spin": 40.0}, 0.5),
-    ("geradin_cardona_top", {}, 0.3),
-    ("spherical_pendulum", {}, 2.0),
-    ("spherical_pendulum", {"omega_z": 0.1}, 2.0),
-    ("spherical_pendulum", {"angle": 80.0, "omega_y": 3.0}, 1.0),
-    ("torque_free_body", {}, 2.0),
-    ("torque_free_body", {"inertia_factors": (1.0, 2.0, 2.5)}, 2.0),
-    ("torque_free_body", {"inertia_factors": (2.5, 2.0, 1.0), "omega": (3.0, -2.0, 1.0)}, 2.0),
+    ("heavy_top", {}, 0.2),
+    ("heavy_top", {"theta0": 30.0, "phi_dot0": 20.0, "spin": 40.0}, 0.2),
+    ("geradin_cardona_top", {}, 0.2),
+    ("spherical_pendulum", {}, 0.2),
+    ("spherical_pendulum", {"omega_z": 0.1}, 0.2),
+    ("spherical_pendulum", {"angle": 80.0, "omega_y": 3.0}, 0.2),
+    ("torque_free_body", {}, 0.2),
+    ("torque_free_body", {"inertia_factors": (1.0, 2.0, 2.5)}, 0.2),
+    ("torque_free_body", {"inertia_factors": (2.5, 2.0, 1.0), "omega": (3.0, -2.0, 1.0)}, 0.2),
 ]
 
 
@@ -41,7 +44,7 @@ def series(body: PinnedBody, start: State, t_end: float) -> np.ndarray:
     c, g = exact(body.arm), exact(body.gravity) * mpf(body.mass)
     J = exact(np.diag(body.inertia_C)) + mpf(body.mass) * (c @ c - c * c)
     W = exact(start.Omega[0])
-    steps = int(np.ceil(t_end * (5.0 + np.max(np.abs(start.Omega)))))
+    steps = int(np.ceil(t_end * (25.0 + np.max(np.abs(start.Omega)))))
     for _ in range(steps):
         rows, rates = [R], [W]
         for k in range(ORDER):
@@ -74,13 +77,11 @@ def test_the_true_pose_is_within_the_proved_radius(name: str, options: dict, t_e
         assert distance(s.R[0, 0]) <= motion.angle_error(t)[0]
         C = np.vectorize(mpf, otypes=[object])(body.pin) + R @ np.vectorize(mpf, otypes=[object])(body.arm)
         assert max(abs(C - np.vectorize(mpf, otypes=[object])(s.r[0, 0]))) <= motion.error(t)[0]
-        factor = np.array([1.0 + 1e-11, 1.0, 1.0]) if np.any(body.arm) is np.False_ else np.array([1.0, 1.0, 1.0])
-        wrong = PinnedBody(
-            body.mass, body.inertia_C * factor, body.inertia_O * factor, body.arm, body.pin,
-            body.gravity * (1.0 + 1e-11),
-        )  # fmt: skip
-        other = motion_of(wrong, p.initial)
-        assert distance(other.states(t).R[0, 0]) > 10.0 * other.angle_error(t)[0]
+        pull = (1.0 + 1e-11) * body.gravity
+        wrong = replace(body, gravity=pull) if np.any(pull) else replace(body, inertia_O=body.inertia_O * SKEWED)
+        if name != "torque_free_body" or options:  # a sphere turns alike at any inertia
+            other = motion_of(wrong, p.initial)
+            assert distance(other.motion.attitude(t)[0][0]) > other.motion.error(t)[0]
 
 
 @pytest.mark.parametrize(
@@ -98,9 +99,3 @@ def test_the_radius_is_small_to_the_horizon(name: str, options: dict) -> None:
     home = reference.home
     attitude = getattr(home, "about_C", getattr(home, "arm", home))
     assert np.max(attitude.angle_error(t)) <= ANGLE
-
-
-def test_a_turned_problem_is_not_called_proved() -> None:
-    """Turning start and motion rounds, which no proof counts; data that are symmetric up to rounding neither."""
-    name = next(iter({"frame", "unit_length"} & {"frame"}))
-    assert name
