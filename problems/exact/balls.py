@@ -16,7 +16,8 @@ POLAR_STEPS = 9  # each doubles the digits, from the 15 of float64
 Vector = list[arb]
 Matrix = list[list[arb]]  # rows
 Quaternion = list[arb]  # w, x, y, z
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class TooWide(ArithmeticError):

@@ -38,7 +38,7 @@ class CayleyKlein:
         D = self.under(w).real
         turn_p, turn_s = self.turn_p(t), self.turn_s(t)
         p, s = (over(w) / D * turn for over, turn in ((self.over_p, turn_p), (self.over_s, turn_s)))
-        left, right = (tuple(extended(x) for x in q) for q in (self.left, self.right))
+        left, right = (tuple(np.asarray(extended(x)) for x in q) for q in (self.left, self.right))
         R = rotation(_times(_times(left, _four(p, s)), right))
         rate, mu_p, mu_s = self.rates
         w, p, s, D = (x.astype(y) for x, y in ((w, complex), (p, complex), (s, complex), (D, float)))

@@ -129,8 +129,9 @@ def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rou
     l = tuple(theta(kind, q, arb(0), scale) for kind, scale in zip((2, 1, 3), scales, strict=True))
     S = frame_about(applied(R0, applied(P, L)))
     rows = product(product(transposed(S), R0), P)
-    U0 = [acb(x, y) for x, y in zip(*rows[:2], strict=True)]
-    U0_dot = cross(U0, w)
+    U0, U0_dot = (
+        [acb(x, y) for x, y in zip(*pair, strict=True)] for pair in (rows[:2], [cross(a, w) for a in rows[:2]])
+    )
     at, slope = (thetas(acb(z0, -eta), tau, d) for d in (0, 1))
     D, D_dot = (thetas(acb(z0), tau, d)[3] for d in (0, 1))
     kinds = (3, 2, 0)

@@ -108,7 +108,9 @@ class ThetaSeries:
 def theta(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
     """``scale`` theta_kind(zeta - i eta) as a series in zeta."""
     odd = int(kind in (1, 2))
-    c, d, radius, largest, n = [], [], 0.0, 0.0, 0
+    c: list[acb] = []
+    d: list[acb] = []
+    radius, largest, n = 0.0, 0.0, 0
     grown = eta.exp()
     while True:
         m = 2 * n + odd
@@ -138,7 +140,7 @@ def constant(value: acb) -> ThetaSeries:
     return ThetaSeries(0, _frozen([value]), _frozen([acb(0)]), radius)
 
 
-def thetas(z: acb, tau: acb, derivative: int = 0) -> tuple[acb, acb, acb, acb]:
+def thetas(z: acb, tau: acb, derivative: int = 0) -> tuple[acb, ...]:
     """theta1 to theta4 at ``z``, or their first derivatives."""
     values = (z / arb.pi()).modular_theta(tau, derivative)
     return tuple(x / arb.pi() ** derivative for x in values)
