@@ -58,7 +58,8 @@ class Thrown:
         t = np.asarray(t, dtype=float)
         way = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * np.abs(t) + np.linalg.norm(self.gravity) * t**2
         r = self.r0 + self.v0 * t[:, None] + 0.5 * self.gravity * t[:, None] ** 2
-        return self.about_C.error(t) + FINAL * np.linalg.norm(r, axis=1) + 8.0 * UNIT * way
+        rounding = FINAL * np.maximum.accumulate(np.linalg.norm(r, axis=1))  # no smaller later on
+        return self.about_C.error(t) + rounding + 8.0 * UNIT * way
 
 
 @problem("free_body")
