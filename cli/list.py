@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from ..harness.catalogue.options import Parameter
 
 REFERENCE = {
-    "own": "its own exact motion", "certified": "its own certified integration: two routes, their difference bounds it",
+    "proved": "its own exact motion, with a proved error", "formula": "its own exact motion, its rounding estimated",
+    "own": "its own exact motion, none from this start",
+    "certified": "its own certified integration: two routes, their difference bounds it",
     "computed": "computed by two formulations until they agree", "none": "none, the system is too large to compute one",
 }  # fmt: skip
 STEP = {
@@ -186,11 +188,15 @@ def _describe(name: str) -> dict[str, Any]:
     Empty where it cannot be made, which is for ``check`` to say.
     """
     from ..harness.catalogue import registry
-    from ..harness.reference.computed import source_of
+    from ..harness.reference.computed import Source, source_of
+    from ..harness.types import kind_of
 
     with contextlib.suppress(Exception):
         problem = registry.make_problem(name)
-        return {"section": problem.section, "t_end_s": problem.t_end, "reference": str(source_of(problem))}
+        source = source_of(problem)
+        own = problem.reference() if source is Source.OWN else None
+        kind = source if own is None else kind_of(own)
+        return {"section": problem.section, "t_end_s": problem.t_end, "reference": str(kind)}
     return {"section": "", "t_end_s": None, "reference": None}
 
 

@@ -18,9 +18,11 @@ from ..harness.mechanics import so3
 from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import MultibodySystem, RigidBody, assemble
-from ..harness.types import Invariant, Observable, Problem
-from .exact.euler_top import euler_top
-from .exact.pinned import ROUNDING, PinnedBody, PinnedMotion
+from ..harness.types import Invariant, Observable, Problem, ReferenceKind
+from .exact.balls import in_balls, nearest_rotation, vector
+from .exact.one_body import pinned_motion
+from .exact.pinned import FINAL, PinnedBody, PinnedMotion
+from .exact.theta import UNIT
 
 Triple = tuple[float, float, float]
 
@@ -33,20 +35,31 @@ class Thrown:
     r0: Float[np.ndarray, " 3"]
     v0: Float[np.ndarray, " 3"]
     gravity: Float[np.ndarray, " 3"]
-    route: str = "parabola of C and theta functions (Euler's top)"
     horizon: float = math.inf
+
+    @property
+    def route(self) -> str:
+        """The parabola's and that of the attitude."""
+        return f"parabola of C and {self.about_C.route}"
+
+    @property
+    def kind(self) -> ReferenceKind:
+        """That of the attitude: the parabola is proved."""
+        return self.about_C.kind
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         """The motion at ``t`` [s]."""
-        s, t = self.about_C.states(t), np.asarray(t, dtype=float)[:, None]
-        r, v = self.r0 + self.v0 * t + 0.5 * self.gravity * t**2, self.v0 + self.gravity * t
-        return States(r[:, None], s.R, v[:, None], s.Omega)
+        s, t = self.about_C.states(t), np.asarray(t, dtype=np.longdouble)[:, None]
+        r, v = self.r0 + self.v0 * t + self.gravity * t**2 / 2, self.v0 + self.gravity * t
+        return States(r.astype(float)[:, None], s.R, v.astype(float)[:, None], s.Omega)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m]: rounding of both."""
-        t = np.abs(np.asarray(t, dtype=float))
-        way = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * t + 0.5 * np.linalg.norm(self.gravity) * t**2
-        return self.about_C.error(t) + 4.0 * ROUNDING * way
+        """Bound [m]: that of the attitude, and the rounding of C, in 64 bits and at last to float64."""
+        t = np.asarray(t, dtype=float)
+        way = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * np.abs(t) + np.linalg.norm(self.gravity) * t**2
+        r = self.r0 + self.v0 * t[:, None] + 0.5 * self.gravity * t[:, None] ** 2
+        rounding = FINAL * np.maximum.accumulate(np.linalg.norm(r, axis=1))  # no smaller later on
+        return self.about_C.error(t) + rounding + 8.0 * UNIT * way
 
 
 @problem("free_body")
@@ -93,7 +106,9 @@ def _spin(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"
     return angular_momentum(system, at_C)[:, k]
 
 
+@in_balls
 def _motion(system: MultibodySystem, start: State) -> Thrown | None:
     inertia, nowhere = system.inertia[0], np.zeros(3)
-    about_C = euler_top(PinnedBody(float(system.mass[0]), inertia, inertia, nowhere, nowhere, nowhere), start)
+    body = PinnedBody(float(system.mass[0]), inertia, inertia, nowhere, nowhere, nowhere)
+    about_C = pinned_motion(body, nearest_rotation(start.R[0]), vector(start.Omega[0]))
     return None if about_C is None else Thrown(about_C, start.r[0], start.v[0], system.gravity)

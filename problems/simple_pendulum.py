@@ -18,11 +18,14 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.joints import JointKind
 from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State
-from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
+from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
 from ..harness.types import Observable, Problem, Reference
 from .exact.link import link_motion
 from .exact.one_body import one_body_motion
+from .exact.pinned import PinnedMotion
 from .exact.planar import AXIS, OZ, frames
+
+IN_PLANE = np.array([[1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])  # entries of R that are not zero
 
 
 @problem("simple_pendulum")
@@ -47,7 +50,7 @@ def simple_pendulum(
     exact: Callable[[State], Reference | None]
     if support == "hinge":
         joint = Joint(0, foot, GROUND, O, AXIS, OZ, "O")
-        exact = partial(one_body_motion, assemble([body], [Joint(0, foot)], weight))
+        exact = partial(_in_plane, assemble([body], [Joint(0, foot)], weight))
     else:
         joint = Joint(0, O, GROUND, O, name="O", kind=JointKind.DISTANCE, length=length)
         exact = partial(link_motion, mass, length, weight)
@@ -70,3 +73,8 @@ def simple_pendulum(
         reference_from=exact,
         planar_normal=np.array([0.0, 0.0, 1.0]),
     )
+
+
+def _in_plane(system: MultibodySystem, start: State) -> PinnedMotion | None:
+    """On a spherical joint from the start without the rounding that leaves the plane, which a hinge does not let it."""
+    return one_body_motion(system, State(start.r, IN_PLANE * start.R, start.v, np.array(AXIS) * start.Omega))

@@ -47,9 +47,18 @@ class Invariant:
     of: Callable[[States], Float[np.ndarray, " nt"]]
 
 
+class ReferenceKind(StrEnum):
+    """How far the stated error of a reference can be trusted."""
+
+    PROVED = "proved"  # a bound in ball arithmetic, from the start's float64 numbers to the returned pose
+    FORMULA = "formula"  # exact but for rounding, which is estimated
+    CERTIFIED = "certified"  # integrated in two formulations of its own, whose difference bounds the error
+    COMPUTED = "computed"  # integrated from the data of the system alone in two general formulations
+
+
 @runtime_checkable
 class Reference(Protocol):
-    """The exact motion, from outside the contestants."""
+    """The exact motion, from outside the contestants; its ``kind`` is ``formula`` unless it has one."""
 
     @property
     def route(self) -> str:
@@ -118,6 +127,14 @@ class Problem:
         return None if exact is None else _TurnedReference(exact, self.frame)
 
 
+def kind_of(reference: Reference) -> ReferenceKind:
+    """What its stated error is worth."""
+    return ReferenceKind(getattr(reference, "kind", ReferenceKind.FORMULA))
+
+
+TURNED = 16.0 * float(np.finfo(float).eps)
+
+
 @dataclass(frozen=True)
 class _TurnedReference:
     home: Reference
@@ -128,11 +145,28 @@ class _TurnedReference:
         return self.home.route
 
     @property
+    def kind(self) -> ReferenceKind:
+        """That at home; turning it rounds, which no proof counts."""
+        home = kind_of(self.home)
+        return ReferenceKind.FORMULA if home is ReferenceKind.PROVED and self._is_turned else home
+
+    @property
+    def _is_turned(self) -> bool:
+        return not np.array_equal(self.frame, np.eye(3))
+
+    @property
     def horizon(self) -> float:
         return self.home.horizon
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        return rotated(self.home.states(t), self.frame).timed(t)
+        s = self.home.states(t)
+        return (rotated(s, self.frame) if self._is_turned else s).timed(t)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        return self.home.error(t)
+        """That at home, and an estimate of the rounding of the start and of the motion when they are turned."""
+        if not self._is_turned:
+            return self.home.error(t)
+        s = self.home.states(t)
+        speed = max(float(np.max(np.abs(a), initial=0.0)) for a in (s.Omega, s.v))
+        size = 1.0 if not s.r.size else max(1.0, float(np.max(np.abs(s.r))))
+        return self.home.error(t) + TURNED * size * (1.0 + speed * np.abs(t))

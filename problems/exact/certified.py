@@ -13,6 +13,7 @@ from jaxtyping import Float
 from ...harness.mechanics.state import States
 from ...harness.reference.extrapolation import each
 from ...harness.reference.orbit import SAFETY, Orbit, Pair, Piece, chunk, kept, orbit_of
+from ...harness.types import ReferenceKind
 from .linkage import Linkage, by_angles, by_nodes
 
 WORST = 1e-3  # [m]
@@ -29,6 +30,8 @@ class CertifiedMotion:
     orbit: Orbit
     bodies: Callable[[Float[np.ndarray, "nt ny"]], States]  # of states of route 1
     route: str = "minimal coordinates (DOP853), certified by positions of points (extrapolation)"
+
+    kind: ReferenceKind = ReferenceKind.CERTIFIED
 
     @property
     def horizon(self) -> float:

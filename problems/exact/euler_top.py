@@ -6,100 +6,145 @@ Axes 1, 2, 3 are principal, 2 the middle inertia, 3 the one that the angular mom
     A^2 = I1 (2 T I3 - L^2)/(I3 - I1),  B^2 = I2 (2 T I3 - L^2)/(I3 - I2),  C^2 = I3 (L^2 - 2 T I1)/(I3 - I1)
     lambda^2 = (I3 - I2)(L^2 - 2 T I1)/(I1 I2 I3),   k^2 = (I2 - I1)(2 T I3 - L^2)/((I3 - I2)(L^2 - 2 T I1))
 
-The angle about L has phi_dot = |L| (L1^2/I1 + L2^2/I2)/(L1^2 + L2^2), whose integral is the phase of a theta function
-beside an even turn: exp(i phi) = exp(i n t) theta1(z -+ i eta)/|theta1(z -+ i eta)|, z = pi x/(2 K), theta1 of i eta
-vanishing with L1^2 + L2^2.
+With OZ along L, the third row of R is L/|L|; the first plus i times the second, U, is quotients of theta functions too
+(Jacobi), beside an even turn, z = pi x/(2 K), theta1 of i eta vanishing with L1^2 + L2^2:
+
+    U1 = c1 theta4(z -+ i eta)/theta4(z) exp(i n t),  U2 = c2 theta3(..)/..,  U3 = c3 theta1(..)/..
+
+The start gives c; U_dot = U x Omega gives n three times, which must agree.
 """
 
-import numpy as np
-from jaxtyping import Float
-from mpmath import mp, mpf
+from dataclasses import dataclass
 
-from ...harness.mechanics.state import State
-from .lagrange_top import DIGITS, EQUAL, free_symmetric
-from .pinned import ROUNDING, PinnedBody, PinnedMotion, frame_with, turn_z
+import numpy as np
+from flint import acb, arb
+from jaxtyping import Float
+
+from .balls import (
+    Matrix,
+    Vector,
+    applied,
+    cross,
+    dot,
+    extended,
+    frame_about,
+    largest_radius,
+    norm,
+    product,
+    root,
+    transposed,
+    vector,
+)
+from .lagrange_top import free_symmetric
+from .pinned import PinnedBody, PinnedMotion, Rounded
 from .steady_precession import steady_precession
-from .theta import log_slope, theta
+from .theta import UNIT, Phase, ThetaSeries, elliptic_argument, theta, thetas
 
 SAME_INERTIA = 1e-14  # relative: rounding of computed data
 
 
-def euler_top(body: PinnedBody, start: State) -> PinnedMotion | None:
+def euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
     """The motion without torque, or None on the separatrix (which approaches the intermediate axis)."""
-    R0, Omega0 = start.R[0], start.Omega[0]
-    inertia, P = np.linalg.eigh(body.inertia_O)
-    P[:, 2] = np.cross(P[:, 0], P[:, 1])
+    exact = not np.any(body.inertia_O - np.diag(np.diag(body.inertia_O)))
+    inertia, axes = np.linalg.eigh(body.inertia_O)
+    if exact:
+        order = np.argsort(np.diag(body.inertia_O), kind="stable")
+        inertia, axes = np.diag(body.inertia_O)[order], np.eye(3)[:, order]
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    P, I = [vector(row) for row in axes], vector(inertia)
+    speed = float(norm(Omega0))
     for j, (i, k) in enumerate(((1, 2), (0, 2), (0, 1))):
         if abs(inertia[k] - inertia[i]) <= SAME_INERTIA * inertia[k]:
-            return free_symmetric(body, start, P[:, j], float(inertia[j]), float(0.5 * (inertia[i] + inertia[k])))
-    W = P.T @ Omega0
-    if np.count_nonzero(W) <= 1:
-        return steady_precession(body, R0, R0[:, 0], 0.0, Omega0 if W.any() else P[:, 0], float(np.linalg.norm(Omega0)))
-    with mp.workdps(DIGITS):
-        I, w = [mpf(float(x)) for x in inertia], [mpf(float(x)) for x in W]
-        L2, T2 = (
-            mp.fsum((a * b) ** 2 for a, b in zip(I, w, strict=True)),
-            mp.fsum(a * b**2 for a, b in zip(I, w, strict=True)),
-        )
-        if abs(L2 - T2 * I[1]) < EQUAL * L2:
-            return None
-        if T2 * I[1] > L2:  # L circles the axis of the least inertia: call that one 3, keep the frame right-handed
-            I, w, P = [I[2], I[1], I[0]], [w[2], -w[1], w[0]], P[:, [2, 1, 0]] * np.array([1.0, -1.0, 1.0])
-        return _by_theta(body, R0, P, I, w)
+            rounded = Rounded.unless(exact and inertia[i] == inertia[k], speed)
+            return free_symmetric(body, R0, Omega0, transposed(P)[j], I[j], (I[i] + I[k]) / 2, rounded)
+    w = applied(transposed(P), Omega0)
+    rounded = Rounded.unless(exact, speed)
+    if sum(not x.is_zero() for x in w) <= 1:
+        axis = Omega0 if speed else transposed(P)[0]
+        return steady_precession(body, R0, transposed(R0)[0], arb(0), axis, norm(Omega0), rounded)
+    LL = dot([a * b for a, b in zip(I, w, strict=True)], [a * b for a, b in zip(I, w, strict=True)])
+    between = dot(I, [x * x for x in w]) * I[1] - LL
+    if between.contains(0):
+        return None
+    if between > 0:  # L circles the axis of the least inertia: call that one 3, keep the frame right-handed
+        I, w = I[::-1], [w[2], -w[1], w[0]]
+        P = [[row[2], -row[1], row[0]] for row in P]
+    return _by_theta(body, R0, P, I, w, rounded)
 
 
-def _by_theta(
-    body: PinnedBody, R0: Float[np.ndarray, "3 3"], P: Float[np.ndarray, "3 3"], I: list[mpf], w: list[mpf]
-) -> PinnedMotion:
+@dataclass(frozen=True)
+class JacobiMatrix:
+    """R = ``left`` (U's real part; its imaginary part; L/|L|) ``axes``^T."""
+
+    U: tuple[ThetaSeries, ...]
+    l: tuple[ThetaSeries, ...]
+    under: ThetaSeries
+    least: float  # lower bound of |under|
+    z: Phase
+    turn: Phase  # exp(i n t)
+    left: Matrix
+    axes: Matrix  # principal, in the body frame
+    rates: Float[np.ndarray, " 3"]  # |L| over the inertias [rad/s]
+
+    def attitude(self, t: Float[np.ndarray, " nt"]) -> tuple[Float[np.ndarray, "nt 3 3"], Float[np.ndarray, "nt 3"]]:
+        """R in extended precision, and Omega (body) in float64."""
+        w, turn = self.z(t), self.turn(t)
+        D = self.under(w).real
+        U = np.stack([over(w) / D * turn for over in self.U], axis=-1)
+        l = np.stack([over(w).real / D for over in self.l], axis=-1)
+        left, axes = (np.array([[extended(x) for x in row] for row in A]) for A in (self.left, self.axes))
+        R = left @ np.stack((U.real, U.imag, l), axis=1) @ axes.T
+        return R, self.rates * l.astype(float) @ axes.astype(float).T
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Proved bound on the Frobenius norm of the error of R: those of its columns, and 100 roundings."""
+        phase = self.z.error(t)
+        under = self.under.error(phase)
+        quotients = sum(over.error(phase) + under for over in (*self.U, *self.l))
+        constant = largest_radius([x for row in (*self.left, *self.axes) for x in row])
+        return 1.1 * quotients / (self.least - under) + 3.0 * self.turn.error(t) + 20.0 * constant + 100.0 * UNIT
+
+
+def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rounded: Rounded) -> PinnedMotion:
     I1, I2, I3 = I
     L = [a * b for a, b in zip(I, w, strict=True)]
-    LL, TT = mp.fsum(x**2 for x in L), mp.fsum(a * b**2 for a, b in zip(I, w, strict=True))  # L^2, 2 T
-    size, up = mp.sqrt(LL), mp.sign(L[2])
-    A, B = mp.sqrt(I1 * (TT * I3 - LL) / (I3 - I1)), mp.sqrt(I2 * (TT * I3 - LL) / (I3 - I2))
-    C = mp.sqrt(I3 * (LL - TT * I1) / (I3 - I1))
-    lam = mp.sqrt((I3 - I2) * (LL - TT * I1) / (I1 * I2 * I3))
+    LL, TT = dot(L, L), dot(L, w)  # L^2, 2 T
+    size, up = LL.sqrt(), 1 if float(L[2]) > 0.0 else -1
+    A, B = root(I1 * (TT * I3 - LL) / (I3 - I1)), root(I2 * (TT * I3 - LL) / (I3 - I2))
+    C = root(I3 * (LL - TT * I1) / (I3 - I1))
+    lam = root((I3 - I2) * (LL - TT * I1) / (I1 * I2 * I3))
     m = (I2 - I1) * (TT * I3 - LL) / ((I3 - I2) * (LL - TT * I1))
-    K, K1 = mp.ellipk(m), mp.ellipk(1 - m)
-    q, to_phase = mp.exp(-mp.pi * K1 / K), mp.pi / (2 * K)
-    side = mp.sign(I3 - I2)
+    K, K1 = (acb(x).elliptic_k().real for x in (m, 1 - m))
+    tau, to_phase = acb(0, K1 / K), arb.pi() / (2 * K)
+    q = (-arb.pi() * K1 / K).exp()
+    side = 1 if I3 > I2 else -1
     B2 = up * side * B  # L2 = B2 sn x, from L1_dot = L2 L3 (1/I3 - 1/I2)
-    z0 = to_phase * mp.ellipf(mp.atan2(L[1] / B2, L[0] / A), m)
-    eta = to_phase * mp.ellipf(mp.atan(A / mp.sqrt(B**2 - A**2)), 1 - m)
+    z0 = to_phase * elliptic_argument(L[1] / B2, L[0] / A, m)
+    root_height = root(B * B - A * A)
+    eta = side * to_phase * elliptic_argument(A / B, root_height / B, 1 - m)
     rate = to_phase * lam
-    n = size / I1 - side * rate * mp.im(log_slope(1, mp.mpc(0, -eta), q))
     # sn, cn, dn as quotients of theta1, theta2, theta3 by theta4, scaled to the components of L/|L|
-    t2, t3, t4 = (mp.jtheta(j, 0, q) for j in (2, 3, 4))
-    series = (
-        theta(2, q, scale=A / size * t4 / t2),
-        theta(1, q, scale=B2 / size * t3 / t2),
-        theta(3, q, scale=up * C / size * t4 / t3),
+    _, t2, t3, t4 = thetas(acb(0), tau)
+    scales = (A / size * t4 / t2, B2 / size * t3 / t2, up * C / size * t4 / t3)
+    l = tuple(theta(kind, q, arb(0), scale) for kind, scale in zip((2, 1, 3), scales, strict=True))
+    S = frame_about(applied(R0, applied(P, L)))
+    rows = product(product(transposed(S), R0), P)
+    U0, U0_dot = (
+        [acb(x, y) for x, y in zip(*pair, strict=True)] for pair in (rows[:2], [cross(a, w) for a in rows[:2]])
     )
-    under, turning = theta(4, q), theta(1, q, side * eta)
-    z0_, rate_, n_ = float(z0), float(rate), float(n)
-    to_rate = float(size) / np.array([float(I1), float(I2), float(I3)])
-
-    def relative(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """R from the principal frame to one with Z along L, and L/|L| in the principal frame."""
-        zeta = z0_ + rate_ * t
-        below = under(zeta)[0].real
-        l = np.stack([over(zeta)[0].real / below for over in series], axis=-1)
-        l /= np.linalg.norm(l, axis=-1, keepdims=True)
-        phi = np.angle(turning(zeta)[0]) + n_ * t
-        across = np.stack((l[:, 1], -l[:, 0], np.zeros(len(t))), axis=-1)  # line of nodes: R_X(theta) R_Z(psi)
-        across /= np.linalg.norm(across, axis=-1, keepdims=True)
-        rows = np.stack((across, np.cross(l, across), l), axis=1)
-        return turn_z(phi) @ rows, l
-
-    S = frame_with(R0 @ P @ np.array([float(x / size) for x in L]))
-    first = S.T @ R0 @ P @ relative(np.zeros(1))[0][0].T
-    S = S @ turn_z(np.arctan2(first[1, 0] - first[0, 1], first[0, 0] + first[1, 1]))
-
-    def attitude(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        R, l = relative(t)
-        return S @ R @ P.T, (to_rate * l) @ P.T
-
-    condition = float(1 / mp.sqrt(1 - m) * B / A)
-    growth = 4.0 * ROUNDING * (float(rate) + abs(float(n)))
-    return PinnedMotion(
-        "theta functions (Euler's top)", body, attitude, 64.0 * condition * ROUNDING, condition * growth
+    at, slope = (thetas(acb(z0, -eta), tau, d) for d in (0, 1))
+    D, D_dot = (thetas(acb(z0), tau, d)[3] for d in (0, 1))
+    kinds = (3, 2, 0)
+    turning = [U_dot / U - rate * (slope[k] / at[k] - D_dot / D) for U, U_dot, k in zip(U0, U0_dot, kinds, strict=True)]
+    l0 = [s * thetas(acb(z0), tau)[k] / D for s, k in zip(scales, (1, 0, 2), strict=True)]
+    known = zip(l0, rows[2], strict=True)
+    if not all(x.overlaps(acb(0, turning[0].imag)) for x in turning) or not all(x.overlaps(acb(y)) for x, y in known):
+        raise ArithmeticError("the formula of Euler's top does not start where the motion does")
+    n = turning[0].imag
+    U = tuple(theta(k + 1, q, eta, x * D / at[k]) for x, k in zip(U0, kinds, strict=True))
+    rates = float(size) / np.array([float(x) for x in I])
+    least = 0.999 * float(t4.real)  # theta4 is smallest at 0
+    motion = JacobiMatrix(
+        U, l, theta(4, q, arb(0), acb(1)), least, Phase.of(z0, rate), Phase.of(arb(0), n), S, P, rates
     )
+    return PinnedMotion("theta functions (Euler's top)", body, motion, rounded)

@@ -12,165 +12,185 @@ p = cos(theta/2) exp(i (phi + psi)/2), s = sin(theta/2) exp(i (phi - psi)/2), a 
     s = Q theta2(z - i eta_s)/theta4(z) exp(i mu_s t)
 
 where theta1(z - i eta_p) vanishes with u = -1 and theta2(z - i eta_s) with u = 1 (Klein and Sommerfeld, ch. VI).
-Constants are computed in 80 digits from the start as given, so that neither planar nor nearly steady motions lose any.
+Constants are computed in balls from the start as given, so that neither planar nor nearly steady motions lose a digit;
+p, s and their derivatives at t = 0 are compared with the start.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
-from mpmath import mp, mpf
+from flint import acb, arb
 
-from ...harness.mechanics.state import State
-from .cayley_klein import CayleyKlein
-from .pinned import ROUNDING, PinnedBody, PinnedMotion, frame_with
+from .balls import (
+    Matrix,
+    Vector,
+    applied,
+    conjugate,
+    cross,
+    dot,
+    frame_about,
+    multiplied,
+    norm,
+    quaternion,
+    root,
+    scaled,
+    sign,
+    transposed,
+    vector,
+)
+from .cayley_klein import CayleyKlein, between, pair
+from .pinned import PinnedBody, PinnedMotion, Rounded
 from .steady_precession import steady_precession
-from .theta import log_slope, theta
+from .theta import Phase, elliptic_argument, theta, thetas
 
-DIGITS = 80
-EQUAL = mpf(10) ** -30  # closer roots are one root: far below what float64 data can mean
+EQUAL = 1e-60  # closer roots are one root: far below what float64 data can mean
 SYMMETRIC = 1e-14  # relative difference of the transverse inertias, rounding of their computation
+ROUTE = "theta functions (Lagrange's top)"
 
 
-def lagrange_top(body: PinnedBody, start: State) -> PinnedMotion | None:
+def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
     """The motion, or None if the body is not symmetric about the line OC or approaches an unstable equilibrium."""
-    c = float(np.linalg.norm(body.arm))
-    e = body.arm / c
-    axial = float(e @ body.inertia_O @ e)
-    transverse = 0.5 * (float(np.trace(body.inertia_O)) - axial)
-    symmetric = axial * np.outer(e, e) + transverse * (np.eye(3) - np.outer(e, e))
-    if np.max(np.abs(body.inertia_O - symmetric)) > SYMMETRIC * transverse:
+    e = body.arm / np.linalg.norm(body.arm)
+    across = np.diag(body.inertia_C)[body.arm == 0.0]
+    diagonal = np.array_equal(body.inertia_C, np.diag(np.diag(body.inertia_C)))
+    exact = diagonal and len(across) == 2 and across[0] == across[1]
+    float_axial = float(e @ body.inertia_C @ e)
+    float_transverse = float(across[0]) if exact else 0.5 * (float(np.trace(body.inertia_C)) - float_axial)
+    symmetric = float_axial * np.outer(e, e) + float_transverse * (np.eye(3) - np.outer(e, e))
+    if np.max(np.abs(body.inertia_C - symmetric)) > SYMMETRIC * np.max(np.abs(body.inertia_O)):
         return None
-    R0, Omega = start.R[0], start.Omega[0]
-    g = float(np.linalg.norm(body.gravity))
-    with mp.workdps(DIGITS):
-        weight = 2 * mpf(body.mass) * mpf(g) * mpf(c) / mpf(transverse)  # beta
-        if weight == 0:
-            return free_symmetric(body, start, e, axial, transverse)
-        k = -body.gravity / g
-        top = _Constants.of(
-            _unit(R0.T @ k), _unit(e), [mpf(float(w)) for w in Omega], weight, mpf(axial) / mpf(transverse)
-        )
-        u1, u2, u3 = top.roots
-        if u2 - u1 < EQUAL or (u3 - u2 < EQUAL and abs(top.u - u2) < EQUAL):
-            pole = 1 - top.u**2 < EQUAL
-            precession = 0.0 if pole else float((top.b - top.a * top.u) / (1 - top.u**2))
-            return steady_precession(body, R0, k, precession, e, float(top.spin - top.u * precession))
-        if u3 - u2 < EQUAL:
-            return None
-        return _by_theta(body, R0, Omega, frame_with(k), frame_with(e), top)
+    arm, weight = vector(body.arm), vector(body.gravity)
+    c, g, m = norm(arm), norm(weight), arb(body.mass)
+    axial, transverse = arb(float_axial), arb(float_transverse) + m * dot(arm, arm)
+    k, axis = scaled(weight, -1 / g), scaled(arm, 1 / c)
+    top = _Constants.of(applied(transposed(R0), k), axis, Omega0, 2 * m * g * c / transverse, axial / transverse)
+    u1, u2, u3 = top.roots
+    rates = abs(float(top.spin)) + abs(float(top.b)) + float(root(top.beta * (u3 - u1)))
+    upper = bool(u3 - u2 > EQUAL)
+    if not u2 - u1 > EQUAL or (not upper and not abs(top.u - u2) > EQUAL):
+        pole = not 1 - top.u * top.u > EQUAL
+        precession = arb(0) if pole else (top.b - top.a * top.u) / (1 - top.u * top.u)
+        rounded = Rounded.unless(False, rates)
+        return steady_precession(body, R0, k, precession, axis, top.spin - top.u * precession, rounded)
+    if not upper:
+        return None
+    return _by_theta(body, R0, Omega0, frame_about(k), frame_about(axis), top, Rounded.unless(exact, rates))
 
 
 def free_symmetric(
-    body: PinnedBody, start: State, e: Float[np.ndarray, " 3"], axial: float, transverse: float
+    body: PinnedBody, R0: Matrix, Omega0: Vector, e: Vector, axial: arb, transverse: arb, rounded: Rounded
 ) -> PinnedMotion:
     """Without torque: precession about the angular momentum at |L|/I_t, spin of the rest about the axis ``e``."""
-    R0, Omega = start.R[0], start.Omega[0]
-    spin = float(Omega @ e)
-    L = R0 @ (transverse * Omega + (axial - transverse) * spin * e)
-    size = float(np.linalg.norm(L))
-    if size == 0.0:
-        return steady_precession(body, R0, e, 0.0, e, 0.0)
-    return steady_precession(body, R0, L, size / transverse, e, spin * (1.0 - axial / transverse))
+    spin = dot(Omega0, e)
+    L = applied(R0, [transverse * w + (axial - transverse) * spin * x for w, x in zip(Omega0, e, strict=True)])
+    size = norm(L)
+    if not size > 0:
+        return steady_precession(body, R0, e, arb(0), e, arb(0), rounded)
+    return steady_precession(body, R0, L, size / transverse, e, spin * (1 - axial / transverse), rounded)
 
 
 @dataclass(frozen=True)
 class _Constants:
     """u, u_dot of the start; a = I_a Omega_e/I_t, b = L_k/I_t, beta, Omega_e [1/s]; the roots of u_dot^2."""
 
-    u: mpf
-    u_dot: mpf
-    a: mpf
-    b: mpf
-    beta: mpf
-    spin: mpf
-    roots: tuple[mpf, mpf, mpf]
+    u: arb
+    u_dot: arb
+    a: arb
+    b: arb
+    beta: arb
+    spin: arb
+    roots: tuple[arb, arb, arb]
 
     @staticmethod
-    def of(k: Sequence[mpf], e: Sequence[mpf], Omega: Sequence[mpf], beta: mpf, ratio: mpf) -> "_Constants":
+    def of(k: Vector, e: Vector, Omega: Vector, beta: arb, ratio: arb) -> "_Constants":
         """From the vertical k, the axis e and Omega, all in the body frame; ``ratio`` is I_a/I_t."""
-        u, spin = _dot(k, e), _dot(Omega, e)
-        u_dot = k[0] * (Omega[1] * e[2] - Omega[2] * e[1])
-        u_dot += k[1] * (Omega[2] * e[0] - Omega[0] * e[2]) + k[2] * (Omega[0] * e[1] - Omega[1] * e[0])
+        u, spin = dot(k, e), dot(Omega, e)
+        u_dot = dot(k, cross(Omega, e))
         a = ratio * spin
-        b = _dot(k, Omega) + (a - spin) * u
-        alpha = _dot(Omega, Omega) - spin**2 + beta * u
+        b = dot(k, Omega) + (a - spin) * u
+        alpha = dot(Omega, Omega) - spin * spin + beta * u
         return _Constants(
-            u, u_dot, a, b, beta, spin, _cubic((alpha + a**2) / beta, 2 * a * b / beta - 1, (alpha - b**2) / beta)
+            u, u_dot, a, b, beta, spin, _cubic((alpha + a * a) / beta, 2 * a * b / beta - 1, (alpha - b * b) / beta)
         )
 
 
-def _cubic(sum_: mpf, p: mpf, q: mpf) -> tuple[mpf, mpf, mpf]:
+def _cubic(sum_: arb, p: arb, q: arb) -> tuple[arb, arb, arb]:
     """The three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing: -1 <= u1 <= u2 <= 1 <= u3."""
     third = sum_ / 3
-    radius = mp.sqrt(max(third**2 - p / 3, mpf(0)))
-    if radius == 0:
+    radius = root(third * third - p / 3)
+    if not radius > 0:
         return third, third, third
-    cosine = (2 * third**3 - third * p - q) / (2 * radius**3)
-    angle = mp.acos(min(max(cosine, mpf(-1)), mpf(1))) / 3
-    u3, u1, u2 = (third + 2 * radius * mp.cos(angle - 2 * mp.pi * j / 3) for j in (0, 2, 1))
-    u1, u2 = min(u1, u2), max(u1, u2)
-    return max(u1, mpf(-1)), min(u2, mpf(1)), max(u3, mpf(1))
+    cosine = (2 * third * third * third - third * p - q) / (2 * radius * radius * radius)
+    angle = arb.atan2(root((1 - cosine) * (1 + cosine)), cosine) / 3
+    u3, u1, u2 = (third + 2 * radius * (angle - 2 * arb.pi() * j / 3).cos() for j in (0, 2, 1))
+    u1, u2 = u1.min(u2), u1.max(u2)
+    return u1.max(arb(-1)), u2.min(arb(1)), u3.max(arb(1))
 
 
 def _by_theta(
-    body: PinnedBody,
-    R0: Float[np.ndarray, "3 3"],
-    Omega0: Float[np.ndarray, " 3"],
-    S: Float[np.ndarray, "3 3"],
-    B: Float[np.ndarray, "3 3"],
-    top: _Constants,
+    body: PinnedBody, R0: Matrix, Omega0: Vector, S: Matrix, B: Matrix, top: _Constants, rounded: Rounded
 ) -> PinnedMotion:
     u1, u2, u3 = top.roots
     m, m1 = (u2 - u1) / (u3 - u1), (u3 - u2) / (u3 - u1)  # k^2 and its complement
-    K, K1 = mp.ellipk(m), mp.ellipk(m1)
-    q = mp.exp(-mp.pi * K1 / K)
-    to_phase = mp.pi / (2 * K)
-    rate = to_phase * mp.sqrt(top.beta * (u3 - u1)) / 2  # of z
-    part = min(max((top.u - u1) / (u2 - u1), mpf(0)), mpf(1))
-    z0 = to_phase * mp.ellipf(mp.asin(mp.sqrt(part)), m) * (1 if top.u_dot >= 0 else -1)
+    K, K1 = (acb(x).elliptic_k().real for x in (m, m1))
+    tau, to_phase = acb(0, K1 / K), arb.pi() / (2 * K)
+    q = (-arb.pi() * K1 / K).exp()
+    rate = to_phase * root(top.beta * (u3 - u1)) / 2  # of z
+    z0 = to_phase * _argument(top, m)
     # sn^2(i y_p) = (-1 - u1)/(u2 - u1) and sn^2(K + i y_s) = (1 - u1)/(u2 - u1); u_dot = i(a+b), i(a-b) there
-    y_p = mp.ellipf(mp.atan(mp.sqrt((1 + u1) / (u2 - u1))), m1)
-    inside = min((1 - u2) * (u3 - u1) / ((1 - u1) * (u3 - u2)), mpf(1))
-    y_s = mp.ellipf(mp.asin(mp.sqrt(inside)), m1)
-    eta_p = to_phase * y_p * _side(top.a + top.b)
-    eta_s = to_phase * y_s * _side(top.b - top.a)
+    y_p = elliptic_argument(root((1 + u1) / (1 + u2)), root((u2 - u1) / (1 + u2)), m1)
+    inside = (1 - u2) * (u3 - u1) / ((1 - u1) * (u3 - u2))
+    y_s = elliptic_argument(root(inside), root(1 - inside), m1)
+    eta_p, eta_s = to_phase * _signed(y_p, top.a + top.b, K1), to_phase * _signed(y_s, top.b - top.a, K1)
+    at_p, at_s, zero = (thetas(acb(0, -eta), tau) for eta in (eta_p, eta_s, arb(0)))
+    slope_p, slope_s = (
+        (thetas(acb(0, -eta), tau, 1)[1] / at[1]).imag for eta, at in ((eta_p, at_p), (eta_s, at_s))
+    )  # theta2'/theta2 at -i eta is imaginary
     # p_dot/p at u2 and s_dot/s at u1, where u_dot = 0; theta1 a quarter period on is theta2
-    mu_p = (top.a + top.b) / (2 * (1 + u2)) + (top.spin - top.a) / 2 - rate * _imaginary_slope(eta_p, q)
-    mu_s = (top.b - top.a) / (2 * (1 - u1)) + (top.a - top.spin) / 2 - rate * _imaginary_slope(eta_s, q)
-    P = mp.sqrt((1 + u2) / 2) * abs(mp.jtheta(3, 0, q) / mp.jtheta(2, mp.mpc(0, eta_p), q))  # theta4(pi/2) = theta3(0)
-    Q = mp.sqrt((1 - u1) / 2) * abs(mp.jtheta(4, 0, q) / mp.jtheta(2, mp.mpc(0, eta_s), q))
-    over_p, over_s = theta(1, q, eta_p, P), theta(2, q, eta_s, Q)
-    motion = CayleyKlein(over_p, over_s, theta(4, q), float(z0), float(rate), float(mu_p), float(mu_s))
-    turns = motion.turns(S.T @ R0 @ B, B.T @ Omega0)
-
-    def attitude(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        R, Omega = motion.attitude(t, *turns)
-        return S @ R @ B.T, Omega @ B.T
-
-    condition = float(m1) ** -0.5  # theta4 and the numerators fall to sqrt(k') of their largest in each period
-    growth = 4.0 * ROUNDING * (float(rate) + abs(float(mu_p)) + abs(float(mu_s)))
-    return PinnedMotion(
-        "theta functions (Lagrange's top)", body, attitude, 64.0 * condition * ROUNDING, condition * growth
-    )
-
-
-def _side(x: mpf) -> int:
-    """Sign of x; at 0, where u = -1 or 1 is a root, both signs give the same motion."""
-    return 1 if x >= 0 else -1
-
-
-def _imaginary_slope(eta: mpf, q: mpf) -> mpf:
-    """Im of theta2'/theta2 at -i eta, where it is imaginary."""
-    return mp.im(log_slope(2, mp.mpc(0, -eta), q))
-
-
-def _unit(a: np.ndarray) -> list[mpf]:
-    v = [mpf(float(x)) for x in a]
-    size = mp.sqrt(_dot(v, v))
-    return [x / size for x in v]
+    mu_p = (top.a + top.b) / (2 * (1 + u2)) + (top.spin - top.a) / 2 - rate * slope_p
+    mu_s = (top.b - top.a) / (2 * (1 - u1)) + (top.a - top.spin) / 2 - rate * slope_s
+    P = root((1 + u2) / 2) * abs(zero[2] / at_p[1])  # theta4(pi/2) = theta3(0)
+    Q = root((1 - u1) / 2) * abs(zero[3] / at_s[1])
+    q0 = between(S, R0, B)
+    q_dot = scaled(multiplied(q0, [arb(0), *applied(transposed(B), Omega0)]), arb(1) / 2)
+    factors = []
+    for kind, eta, mu, size, start, start_dot in zip(
+        (0, 1), (eta_p, eta_s), (mu_p, mu_s), (P, Q), pair(q0), pair(q_dot), strict=True
+    ):
+        N, N_dot = (thetas(acb(z0, -eta), tau, d)[kind] for d in (0, 1))
+        D, D_dot = (thetas(acb(z0), tau, d)[3] for d in (0, 1))
+        value, slope = size * N / D, size * rate * (N_dot - N * D_dot / D) / D
+        slope += acb(0, mu) * value
+        turn = start / value if abs(start) > 1e-9 else start_dot / slope
+        if not ((turn * value).overlaps(start) and (turn * slope).overlaps(start_dot) and abs(turn).overlaps(arb(1))):
+            raise ArithmeticError("the formula of Lagrange's top does not start where the motion does")
+        factors.append(size * turn)
+    least = 0.999 * float(zero[3].real)  # theta4 is smallest at 0
+    motion = CayleyKlein(
+        theta(1, q, eta_p, factors[0]), theta(2, q, eta_s, factors[1]), theta(4, q, arb(0), acb(1)),
+        least, Phase.of(z0, rate),
+        Phase.of(arb(0), mu_p), Phase.of(arb(0), mu_s), (float(rate), float(mu_p), float(mu_s)),
+        quaternion(S), conjugate(quaternion(B)),
+    )  # fmt: skip
+    return PinnedMotion(ROUTE, body, motion, rounded)
 
 
-def _dot(a: Sequence[mpf], b: Sequence[mpf]) -> mpf:
-    return mp.fsum(x * y for x, y in zip(a, b, strict=True))
+def _argument(top: _Constants, m: arb) -> arb:
+    """x0 from u = u1 + (u2 - u1) sn^2 x and the sign of u_dot; where that is not known, x0 is about 0 or about K."""
+    u1, u2, _ = top.roots
+    sn, cn = root((top.u - u1) / (u2 - u1)), root((u2 - top.u) / (u2 - u1))
+    side = sign(top.u_dot)
+    if side:
+        sn = side * sn
+    elif float(sn) < float(cn):
+        sn = sn * arb(0, 1)
+    else:
+        cn = cn * arb(0, 1)
+    return elliptic_argument(sn, cn, m)
+
+
+def _signed(y: arb, x: arb, K1: arb) -> arb:
+    """``y`` with the sign of ``x``; where x may be 0, y is about 0 or K1, and -y gives the same motion as 2 K1 - y."""
+    if sign(x):
+        return sign(x) * y
+    return y * arb(0, 1) if 2 * float(y) < float(K1) else y.union(2 * K1 - y)

@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
-from ...harness.mechanics.system import Joint, RigidBody, assemble
-from .one_body import one_body_motion
-from .pinned import PinnedMotion, frame_with
+from ...harness.types import ReferenceKind
+from .balls import applied, cross, dot, frame_about, in_balls, scaled, transposed, vector
+from .one_body import pinned_motion
+from .pinned import PinnedBody, PinnedMotion
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,11 @@ class LinkMotion:
     def route(self) -> str:
         """That of the arm."""
         return self.arm.route
+
+    @property
+    def kind(self) -> ReferenceKind:
+        """That of the arm."""
+        return self.arm.kind
 
     @property
     def horizon(self) -> float:
@@ -38,11 +44,12 @@ class LinkMotion:
         return self.arm.error(t)
 
 
+@in_balls
 def link_motion(mass: float, length: float, gravity: Float[np.ndarray, " 3"], start: State) -> LinkMotion | None:
     """From any start; the link's other end is the origin."""
-    r, v = start.r[0], start.v[0]
-    R = frame_with(r)  # of the arm, without spin about it
-    system = assemble([RigidBody(mass, np.zeros((3, 3)))], [Joint(0, (0.0, 0.0, -length))], gravity)
-    spin = R.T @ np.cross(r, v) / length**2
-    arm = one_body_motion(system, State(start.r, R[None], start.v, spin[None]))
-    return None if arm is None else LinkMotion(arm, start.R[0])
+    r, v = vector(start.r[0]), vector(start.v[0])
+    R = frame_about(r)  # of the arm, without spin about it
+    massless, arm = np.zeros((3, 3)), np.array([0.0, 0.0, length])
+    body = PinnedBody(mass, massless, mass * length**2 * np.diag([1.0, 1.0, 0.0]), arm, np.zeros(3), gravity)
+    motion = pinned_motion(body, R, applied(transposed(R), scaled(cross(r, v), 1 / dot(r, r))))
+    return None if motion is None else LinkMotion(motion, start.R[0])

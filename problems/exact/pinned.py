@@ -3,19 +3,43 @@
 The pin leaves r = O + R c and r_dot = R (Omega x c), with c the arm from O to C in the body frame.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import States
 from ...harness.mechanics.system import GROUND, MultibodySystem
+from ...harness.types import ReferenceKind
+from .theta import PROVABLE
 
-Attitude = Callable[
-    [Float[np.ndarray, " nt"]], tuple[Float[np.ndarray, "nt 3 3"], Float[np.ndarray, "nt 3"]]
-]  # t -> R, Omega
 ROUNDING = float(np.finfo(float).eps)
+FINAL = 1.01 * 2.0**-53  # of a vector rounded to float64, with the few operations in 64 bits before
+ROTATION_FINAL = 3**0.5 * FINAL  # of R, whose norm is the root of 3
+
+
+class Attitude(Protocol):
+    """R and Omega as functions of time, and the proved error of R."""
+
+    def attitude(self, t: Float[np.ndarray, " nt"]) -> tuple[Float[np.ndarray, "nt 3 3"], Float[np.ndarray, "nt 3"]]:
+        """R in extended precision, Omega in float64."""
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Bound on the Frobenius norm of the error of R before it is rounded to float64."""
+
+
+@dataclass(frozen=True)
+class Rounded:
+    """Estimate of what data that had to be rounded change, as an angle; nothing where all are exact."""
+
+    floor: float = 0.0  # [rad]
+    growth: float = 0.0  # [rad/s]
+
+    @staticmethod
+    def unless(exact: bool, rate: float) -> "Rounded":
+        """Of data not ``exact``, for a motion at ``rate`` [rad/s]."""
+        return Rounded() if exact else Rounded(64.0 * ROUNDING, 4.0 * ROUNDING * rate)
 
 
 @dataclass(frozen=True)
@@ -50,39 +74,38 @@ class PinnedBody:
 
 @dataclass(frozen=True)
 class PinnedMotion:
-    """A motion by its attitude, with the bound ``reach * (floor + growth t)`` on its rounding errors."""
+    """A motion by its attitude, with the bound on its error."""
 
-    route: str
+    formula: str
     body: PinnedBody
-    attitude: Attitude
-    floor: float  # [rad]
-    growth: float  # [rad/s]
+    motion: Attitude
+    rounded: Rounded
     horizon: float = float("inf")
+
+    @property
+    def route(self) -> str:
+        """The formula, and what its error is worth."""
+        return f"{self.formula}, {self.kind}"
+
+    @property
+    def kind(self) -> ReferenceKind:
+        """Proved if no data were rounded, in 64 bits."""
+        return ReferenceKind.PROVED if self.rounded == Rounded() and PROVABLE else ReferenceKind.FORMULA
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         """The motion at ``t`` [s]."""
-        R, Omega = self.attitude(np.asarray(t, dtype=float))
-        r = self.body.pin + R @ self.body.arm
+        R, Omega = self.motion.attitude(np.asarray(t, dtype=float))
+        r = self.body.pin + R @ self.body.arm.astype(np.longdouble)
+        R = R.astype(float)
         v = np.einsum("tij,tj->ti", R, np.cross(Omega, self.body.arm))
-        return States(r[:, None], R[:, None], v[:, None], Omega[:, None])
+        return States(r.astype(float)[:, None], R[:, None], v[:, None], Omega[:, None])
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Bound [m] on the position error of C, and of points within the radius of gyration of O."""
-        return self.body.reach * (self.floor + self.growth * np.abs(np.asarray(t, dtype=float)))
+        t = np.abs(np.asarray(t, dtype=float))
+        return self.body.reach * (self.angle_error(t) + FINAL) + FINAL * np.linalg.norm(self.body.pin)
 
-
-def frame_with(axis: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """A rotation whose third column is the direction of ``axis``."""
-    e = axis / np.linalg.norm(axis)
-    a = np.cross(e, np.eye(3)[np.argmin(np.abs(e))])
-    a /= np.linalg.norm(a)
-    return np.stack((a, np.cross(e, a), e), axis=1)
-
-
-def turn_z(angle: Float[np.ndarray, "*nt"]) -> Float[np.ndarray, "*nt 3 3"]:
-    """R_Z by ``angle`` [rad]."""
-    R = np.zeros((*np.shape(angle), 3, 3))
-    R[..., 0, 0] = R[..., 1, 1] = np.cos(angle)
-    R[..., 1, 0], R[..., 0, 1] = np.sin(angle), -np.sin(angle)
-    R[..., 2, 2] = 1.0
-    return R
+    def angle_error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Bound [rad] on the error of R, its rounding to float64 included."""
+        t = np.abs(t)
+        return self.motion.error(t) + ROTATION_FINAL + self.rounded.floor + self.rounded.growth * t
