@@ -78,6 +78,8 @@ def _add_run(commands: Any) -> None:
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
     p.add_argument("--in-turns", type=positive_int, metavar="N", help=turns)
+    lossless = "keep the states of every step in the series, for a bundle that can be checked to the last step"
+    p.add_argument("--lossless", action="store_true", help=lossless)
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
 
 
