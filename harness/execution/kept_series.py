@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import States
 from ..metrics.measure import Measured, covered, stated
-from ..metrics.peaks import find_peaks, steps_to_keep, times_between, times_to_keep
+from ..metrics.peaks import find_peaks, steps_to_keep, times_between, times_of_scales, times_to_keep
 from ..metrics.reactions import largest_joint_force
 from ..metrics.thinning import frames_to_keep, rows_to_keep
 from ..reference.computed import ComputedReference, Source, reference_of, source_of
@@ -54,7 +54,8 @@ def series_of(problem: Problem, trajectory: Trajectory, m: Measured, *, lossless
          **_states(trajectory, steps, m.t), **_samples(reference, times_to_keep(m, steps)), **_numbers(problem)},
         tuple(trajectory.events), tuple(problem.system.body_names), tuple(problem.system.joint_names), units,
         {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
-        {name: float(m.t[k]) for name, k in peaks.items()} | times_between(m), _source(problem, reference),
+        {name: float(m.t[k]) for name, k in peaks.items()} | times_between(m) | times_of_scales(m),
+        _source(problem, reference),
     )  # fmt: skip
 
 

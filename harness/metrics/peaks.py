@@ -73,6 +73,11 @@ def steps_to_keep(m: Measured, peaks: dict[str, int], nb: int, *, every: bool = 
     return kept[(kept >= 0) & (kept < nt)].astype(np.int64)
 
 
+def times_of_scales(m: Measured) -> dict[str, float]:
+    """[s] when the exact motion sets the scales of the system, numbered."""
+    return {f"scale {k + 1}": at for k, at in enumerate(m.size.exact_at)}
+
+
 def times_between(m: Measured) -> dict[str, float]:
     """[s] of maxima that are no step's own, by column."""
     found = {
