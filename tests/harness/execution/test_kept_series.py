@@ -92,7 +92,7 @@ def test_a_series_names_when_maxima_occurred(tmp_path):
     at = series.peaks["energy_drift_max_J"]
     assert abs(series["energy_error"][series["t"] == at]) == record.energy_drift_max_J
     assert series.peaks["judged_to_s"] == record.judged_to_s
-    assert set(series.peaks.values()) <= set(series["state_t"])
+    assert set(series.peaks.values()) <= {*series["state_t"], *series["sample_t"]}
     assert series.reference == "own"
 
 
