@@ -121,7 +121,7 @@ def test_a_row_that_is_no_number_leaves_the_scales_of_the_rows_before(bad):
     r = s.r.copy()
     r[700] = bad
     p = Problem("p", PENDULUM, s[0], t[-1], 0.01, "", "", literal_start=True)  # so that no reference is computed
-    sizes = [dataclasses.astuple(judge(p, claimed(t, x)).m.size) for x in (s, States(r, s.R, s.v, s.Omega))]
+    sizes = [dataclasses.astuple(judge(p, claimed(t, x)).m.size)[:6] for x in (s, States(r, s.R, s.v, s.Omega))]
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-4)
 
 
