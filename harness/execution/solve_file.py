@@ -73,15 +73,17 @@ def solve_to_file(
         def keep(outcome: Outcome) -> RunRecord:
             return write_run(out, dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, stderr="")))
 
-        patience.now(COMPILING)
-        process: Run | None = Run(job, work, measure_limit)
-        while process is not None:
+        def finish(process: Run) -> tuple[RunRecord, bool]:
             try:
-                ended = process.wait(lambda run=process: patience.now(_stage(run.hear())))
-                record, stored = outcome_of(process, ended)
+                return outcome_of(process, process.wait(lambda: patience.now(_stage(process.hear()))))
             finally:
                 partial_of(out, process.pid).unlink(missing_ok=True)
-            process = None if stored else process.salvage(record, keep, problem)
+
+        patience.now(COMPILING)
+        process = Run(job, work, measure_limit)
+        record, stored = finish(process)
+        if not stored and (salvage := process.salvage(record, keep, problem)) is not None:
+            record, stored = finish(salvage)
         native = job.stderr.read(OUTPUT_LIMIT).decode(errors="replace") if job.stderr.is_there() else ""
         if not stored:
             record = write_without_motion(out, dataclasses.replace(record, stderr=""))

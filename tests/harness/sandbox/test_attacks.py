@@ -1,4 +1,4 @@
-"""Solvers that reach for the process above them: it is out of reach, and where it is not, their own run alone is lost."""
+"""Solvers that reach for the process above them: it is out of reach; where it is not, their own run alone is lost."""
 
 import contextlib
 import ctypes
@@ -13,7 +13,7 @@ from mbsbench.harness.execution import run, supervisor
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.results import store
 from mbsbench.harness.sandbox import isolation
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.sandbox.apart import CHUNK, MOST, Apart
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import HOSTILE, PLUGIN
@@ -64,7 +64,7 @@ def test_the_process_above_a_solver_is_out_of_its_reach(tmp_path, what):
     version = ctypes.CDLL(None).syscall(isolation.CREATE_RULESET, None, ctypes.c_size_t(0), 1)
     if version < (SCOPED if what in SIGNALS else 1):
         pytest.skip("this kernel cannot keep a process from signalling others of its user")
-    record, _ = attacked(tmp_path / "run", what)
+    record, *_ = attacked(tmp_path / "run", what)
     assert record.status == "success", record
 
 
@@ -77,6 +77,12 @@ def test_what_reaches_it_all_the_same_loses_its_own_run_and_no_more(tmp_path, wh
         assert record.ended_by == "killed"
     if what in (*SIGNALS, "forges_ending"):
         assert record.t_reached_s == 1.0 and record.position_error_max_m < 1e-12
+
+
+def test_a_pipe_takes_no_more_than_a_run_has_to_say():
+    """It is closed then: the process learns it at its next line, and nobody's memory fills."""
+    ended = Apart(lambda send: [send("x" * 2**20) for _ in range(64)], limit=20.0, memory=500.0).wait()
+    assert ended.code == 70 and MOST < len(ended.sent) <= MOST + CHUNK
 
 
 @pytest.mark.parametrize("shut", [True, False])
