@@ -18,7 +18,8 @@ from threadpoolctl import threadpool_limits
 from .harness.catalogue import registry
 from .harness.catalogue.options import nearest
 from .harness.execution.job import Job
-from .harness.execution.measuring import Outcome, judge_handover, series_of
+from .harness.execution.kept_series import series_of
+from .harness.execution.measuring import Outcome, judge_handover
 from .harness.execution.run_file import read_run, write_run
 from .harness.execution.warmup import runs_to_warm, warm
 from .harness.execution.worker import solve as solve_here

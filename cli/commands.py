@@ -37,7 +37,8 @@ def add_commands(commands: Any) -> None:
     """Add the parser of every subcommand."""
     for add in (
         _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_referee,
-        _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_history, _add_figures,
+        _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_bundle, _add_history,
+        _add_figures,
     ):  # fmt: skip
         add(commands)
 
@@ -78,6 +79,8 @@ def _add_run(commands: Any) -> None:
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
     p.add_argument("--in-turns", type=positive_int, metavar="N", help=turns)
+    lossless = "keep the states of every step in the series, for a bundle that can be checked to the last step"
+    p.add_argument("--lossless", action="store_true", help=lossless)
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
 
 
@@ -229,6 +232,15 @@ def _add_merge(commands: Any) -> None:
     p = subcommand(commands, "merge", "merge results folders into one; the sources are not changed", "one object")
     p.add_argument("out", metavar="OUT", help="results folder to create or to add to")
     p.add_argument("sources", type=find_results, metavar="RESULTS", nargs="+", help="results folders to merge")
+
+
+def _add_bundle(commands: Any) -> None:
+    words = "write results to one file that anybody can check without this package; exit code 1 if a record is damaged"
+    p = subcommand(commands, "bundle", words, "one object")
+    add_results(p)
+    p.add_argument("-o", "--out", required=True, metavar="B.zip", help="file to write, as docs/bundle.md says")
+    lossless = "all states and series that the results hold, not only those that decide on the status"
+    p.add_argument("--lossless", action="store_true", help=lossless)
 
 
 def _add_history(commands: Any) -> None:

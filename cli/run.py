@@ -26,7 +26,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.in_turns and arguments.cluster is not None:
         raise UsageError("--in-turns times runs on this machine, so it cannot be combined with --cluster")
     target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
-    request = Request(suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part)
+    request = Request(
+        suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part, arguments.lossless
+    )
     loaded, watcher = run_watched(request, quiet=arguments.json, pool=choose_executor(arguments.cluster))
     watcher.finish(request.folder, loaded)
     failures = _time(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []

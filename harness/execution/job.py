@@ -32,6 +32,7 @@ class Job:
     plugins: tuple[str, ...] = ()
     environment: str = ""  # machine and packages
     total_limit: float | None = None  # [s] of its suite
+    lossless: bool = False  # whether the series keeps the states of every step
     alone: bool = False  # beside no other run: a signal from outside ended it before
 
     @property

@@ -66,6 +66,7 @@ class Request:
     resume: bool = False
     limit: int | None = None  # only the first runs
     shard: tuple[int, int] = (1, 1)  # (k, n): of every n runs the k-th
+    lossless: bool = False  # whether series keep the states of every step
 
 
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
@@ -82,7 +83,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         (Place(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where = _stamp(request)
         k, n = request.shard
-        jobs = _jobs(suite, suite.specs[k - 1 :: n][: request.limit], folder.resolve(), where)
+        jobs = _jobs(request, suite.specs[k - 1 :: n][: request.limit], folder.resolve(), where)
         own = {job.id for job in jobs}
         again, killed = _provisional(folder, own, before.records)
         again += _outdated(folder, jobs, before.records)
@@ -128,11 +129,12 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
     return loaded
 
 
-def _jobs(suite: Suite, specs: Sequence[RunSpec], folder: Path, where: str) -> list[Job]:
+def _jobs(request: Request, specs: Sequence[RunSpec], folder: Path, where: str) -> list[Job]:
     """A job a run, each with the digest of the code that its numbers come from."""
+    suite = request.suite
     code = {k: codes.code_of(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
     commit = environment.commit()
-    of_suite = suite.plugins, where, suite.total_limit
+    of_suite = suite.plugins, where, suite.total_limit, request.lossless
     return [Job(s, folder, suite.name, code[s.problem, s.solver], commit, *of_suite) for s in specs]
 
 

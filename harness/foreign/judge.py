@@ -13,7 +13,8 @@ import numpy as np
 
 from ..catalogue import registry
 from ..execution.job import Job
-from ..execution.measuring import judge_motion, series_of
+from ..execution.kept_series import series_of
+from ..execution.measuring import judge_motion
 from ..files import FileError
 from ..mechanics.state import States
 from ..places import Place

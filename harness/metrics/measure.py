@@ -65,7 +65,9 @@ class Measured:
     motion_between: float = float("nan")  # [m] largest motion error between rows, while the motion is predictable
     motion_between_s: float = float("nan")  # when
     reaction_error: float = float("nan")  # [N], largest at the instants compared
+    reaction_error_s: float = float("nan")  # when
     reaction_size: float = float("nan")  # [N] of the exact one
+    reaction_size_s: float = float("nan")
     reference_route: str = ""
     reference_horizon: float = float("nan")
     observables: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
@@ -249,8 +251,11 @@ def _reaction_error(
     known = ~np.any(np.isnan(found), axis=(1, 2))
     if not np.any(known):
         return {}
-    exact = exact_pull_on_bodies(system, reference.states, t[rows[known]])
-    return {
-        "reaction_error": float(np.max(np.linalg.norm(found[known] - exact, axis=2))),
-        "reaction_size": float(np.max(np.linalg.norm(exact, axis=2))),
-    }
+    at = t[rows[known]]
+    exact = exact_pull_on_bodies(system, reference.states, at)
+    out: dict[str, float] = {}
+    for name, pull in (("reaction_error", found[known] - exact), ("reaction_size", exact)):
+        worst = np.max(np.linalg.norm(pull, axis=2), axis=1)
+        k = int(np.argmax(worst))
+        out |= {name: float(worst[k]), f"{name}_s": float(at[k])}
+    return out

@@ -8,7 +8,7 @@ motion of the centre of mass where nothing is joined to the ground. Mechanisms b
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 import numpy as np
@@ -38,6 +38,8 @@ class Scales:
     energy: float  # [J] exchanged: the largest kinetic energy, or span of potential energy if that is larger
     reach: float  # [m] ``length`` of all the time, also where the exact motion is known for a part of it only
     gap: float  # [m] ``reach``, at most ``stretched``: springs let a mechanism go farther than its joints can open
+    exact_at: tuple[float, ...] = field(default=(), kw_only=True)  # [s] when the exact motion reaches these sizes
+    run_at: tuple[int, ...] = field(default=(), kw_only=True)  # rows of the run that do
 
     @property
     def allowed(self) -> Mapping[Law, float]:
@@ -131,10 +133,10 @@ def scales(
     bodies = np.arange(problem.system.nb) if bodies is None else bodies
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
     could = possible(system, start)
-    known = reached(system, start, States.one(start))
+    known, t = reached(system, start, States.one(start)), np.zeros(1)
     if exact is not None:
-        t = np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES)
-        some = (exact.states(t[k]) for k in blocks(SAMPLES, problem.system.nb))
+        t = np.append(0.0, np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES))
+        some = (exact.states(t[1:][k]) for k in blocks(SAMPLES, problem.system.nb))
         known = np.concatenate((known, *(reached(system, start, states_of(s, bodies)) for s in some)))
     run = run or Run(known[:0], {}, 0)
     finite = np.isfinite(run.rows).all(axis=1)
@@ -142,12 +144,19 @@ def scales(
     if not np.max(np.concatenate((known[:, 0], run.rows[run.covered : end, 0]))) > REST * could.length:
         return could
     while True:
-        most = np.max(np.concatenate((known, run.rows[run.covered : end])), axis=0)
+        every = np.concatenate((known, run.rows[run.covered : end]))
+        at = np.argmax(every, axis=0)
+        most = np.take_along_axis(every, at[None], axis=0)[0]
         reach, speed, momentum, energy = most[0], most[1], most[2], max(most[KINETIC], most[4] + most[5])
         length = reach if exact is None else np.max(known[:, 0])  # one for the errors of all runs
         least = REST**2 * np.array([could.length, could.speed, could.momentum, could.energy, could.length])
         found = np.maximum((length, speed, momentum, energy, reach), least)  # to divide by
-        size = Scales(*(float(v) for v in (*found, min(found[-1], stretched(system)))))
+        at = np.unique(np.append(at, np.argmax(known[:, 0])))
+        size = replace(
+            Scales(*(float(v) for v in (*found, min(found[-1], stretched(system))))),
+            exact_at=tuple(t[at[at < len(t)]].tolist()),
+            run_at=tuple((at[at >= len(t)] - len(t) + run.covered).tolist()),
+        )
         broken = np.zeros(end, dtype=bool)
         for law, series in run.laws.items():
             broken |= ~(np.abs(series[:end]) <= size.allowed[law])

@@ -5,10 +5,11 @@ Written once by the run's process, read by reports; its digest is in the run's r
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 
 from ..files import parse_json, to_json
@@ -19,8 +20,8 @@ from .npz import read_npz, write_npz
 SERIES_SCHEMA: Literal[1] = 1
 KIND: Literal["mbsbench series"] = "mbsbench series"
 LARGEST = 2**28  # [bytes] of a file, and of its arrays: ten times the longest
-POSES = ("frame", "exact")  # along times of their own
-OTHER = ("end_", "joint_", "gravity")  # not along time
+POSES = ("frame", "exact", "state", "sample")  # along times of their own
+OTHER = ("end_", "start_", "joint_", "gravity", "system_")  # not along time
 
 
 class BadSeries(ValueError):
@@ -37,6 +38,8 @@ class Series:
     joint_names: tuple[str, ...]
     units: Mapping[str, str]  # of obs_, ref_ and inv_ series, by full name
     symbols: Mapping[str, str]  # mathtext without $, of obs_ series, by full name
+    peaks: Mapping[str, float] = field(default_factory=dict)  # [s] when reported maxima occurred, by column
+    reference: str = ""  # where it comes from: ``harness.reference.computed.Source``
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.arrays[name]
@@ -57,6 +60,8 @@ class Head(Shape, frozen=True):
     joint_names: tuple[str, ...]
     units: dict[str, str]
     symbols: dict[str, str]
+    peaks: dict[str, float] = msgspec.field(default_factory=dict)
+    reference: str = ""
     kind: Literal["mbsbench series"] = KIND
     schema: Literal[1] = SERIES_SCHEMA
 
@@ -64,7 +69,8 @@ class Head(Shape, frozen=True):
 def write_series(path: Path | Place, series: Series) -> str:
     """Write whole or not at all; returns the sha256 of the file."""
     events = tuple(map(dict, series.events))
-    head = Head(events, series.body_names, series.joint_names, dict(series.units), dict(series.symbols))
+    names = (series.body_names, series.joint_names, dict(series.units), dict(series.symbols))
+    head = Head(events, *names, dict(series.peaks), series.reference)
     return write_npz(path, {"meta": np.asarray(to_json(head)), **series.arrays})
 
 
@@ -76,7 +82,8 @@ def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> 
     head, arrays = _read(path, sha256, lambda name: poses or not name.startswith(POSES))
     for array in arrays.values():
         array.setflags(write=False)
-    return Series(arrays, head.events, head.body_names, head.joint_names, head.units, head.symbols)
+    names = (head.body_names, head.joint_names, head.units, head.symbols)
+    return Series(arrays, head.events, *names, head.peaks, head.reference)
 
 
 def check_series(path: Path | Place, sha256: str) -> None:

@@ -82,7 +82,7 @@ def test_a_common_velocity_changes_no_verdict(fault):
     assert [r.law for r in rest[0]] == [r.law for r in fast[0]] and bool(rest[0]) == bool(fault)
     for one, other in zip(rest[0], fast[0], strict=True):
         assert other.limit == pytest.approx(one.limit, rel=1e-6)
-    assert dataclasses.astuple(fast[1].size) == pytest.approx(dataclasses.astuple(rest[1].size), rel=1e-6)
+    assert dataclasses.astuple(fast[1].size)[:6] == pytest.approx(dataclasses.astuple(rest[1].size)[:6], rel=1e-6)
 
 
 def test_a_companion_that_moves_far_hides_no_error():
@@ -121,7 +121,7 @@ def test_a_row_that_is_no_number_leaves_the_scales_of_the_rows_before(bad):
     r = s.r.copy()
     r[700] = bad
     p = Problem("p", PENDULUM, s[0], t[-1], 0.01, "", "", literal_start=True)  # so that no reference is computed
-    sizes = [dataclasses.astuple(judge(p, claimed(t, x)).m.size) for x in (s, States(r, s.R, s.v, s.Omega))]
+    sizes = [dataclasses.astuple(judge(p, claimed(t, x)).m.size)[:6] for x in (s, States(r, s.R, s.v, s.Omega))]
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-4)
 
 

@@ -1,0 +1,28 @@
+"""``bundle``: a results folder as one file that anybody can check."""
+
+import argparse
+from pathlib import Path
+
+from ..harness.bundle.archive import write_archive
+from ..harness.bundle.contents import list_contents
+from ..harness.results import store
+from .arguments import UsageError, check_writable
+from .terminal import console, plural, print_json, print_unreadable
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the bundle; return 1 if a record could not be read and is left out, else 0."""
+    folder, out = arguments.results, Path(arguments.out)
+    loaded = store.load(folder)
+    records = store.newest(loaded.records)
+    if not records:
+        raise UsageError(f"{folder} holds no results")
+    check_writable(out)
+    digests = write_archive(out, list_contents(folder, records, lossless=arguments.lossless))
+    size = out.stat().st_size
+    if arguments.json:
+        print_json({"file": str(out), "runs": len(records), "bytes": size, "left_out": len(loaded.unreadable)})
+    else:
+        console().print(f"{out}: {plural(len(records), 'run')}, {plural(len(digests), 'file')}, {size / 1e6:.2f} MB")
+        print_unreadable(loaded.unreadable, console())
+    return 1 if loaded.unreadable else 0

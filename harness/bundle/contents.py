@@ -1,0 +1,148 @@
+"""The files of a bundle, made from a results folder alone: nothing is run or computed anew."""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files import exact, parse_json, read_text
+from ..mechanics.joints import KINDS
+from ..places import Place
+from ..results import store
+from ..results.records import COLUMNS, RunRecord, is_literal
+from ..results.series import Series
+from .crate import METADATA, describe_crate
+from .selection import STATE, select_states
+
+FORMAT, VERSION = "mbsbench bundle", 1
+RUN_ID = re.compile(r"[0-9a-f]{8,64}")
+TEXT = re.compile(r"suite\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
+LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
+DRAWN = ("frame_", "exact_", "state_", "sample_", "end_", "start_", "joint_", "system_")  # no rows along t
+Array = np.ndarray[Any, Any]
+
+
+@dataclass
+class _Exact:
+    """Exact states of a problem at the times of all its runs, each kept once."""
+
+    about: dict[str, Any]
+    at: dict[float, dict[str, Array]] = field(default_factory=dict)
+
+    def add(self, series: Series, chosen: Array) -> None:
+        for k in np.flatnonzero(chosen):
+            state = {name: series[f"sample_{name}"][k] for name in (*STATE, "error")}
+            self.at.setdefault(float(series["sample_t"][k]), state)
+
+    def arrays(self) -> dict[str, Array]:
+        times = sorted(self.at)
+        return {"t": np.array(times), **{n: np.array([self.at[t][n] for t in times]) for n in (*STATE, "error")}}
+
+
+def list_contents(folder: Path, records: Iterable[RunRecord], *, lossless: bool) -> Iterator[tuple[str, bytes]]:
+    """Name and content of each file of the bundle but the manifest, in order."""
+    records, files = sorted(records, key=lambda r: r.run_id), dict[str, tuple[str, int]]()
+    for name, content in _list_data(folder, records, lossless=lossless):
+        files[name] = hashlib.sha256(content).hexdigest(), len(content)
+        yield name, content
+    yield METADATA, _json(describe_crate(files, records, lossless=lossless))
+
+
+def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) -> Iterator[tuple[str, bytes]]:
+    runs, exact_of = list[dict[str, Any]](), dict[str, _Exact]()
+    codes = sorted({r.code for r in records})
+    yield "bundle.json", _json({"format": FORMAT, "version": VERSION, "lossless": lossless, "codes": codes})
+    yield from _texts(folder)
+    yield "records.json", _json([{c.name: exact(getattr(r, c.name)) for c in COLUMNS} for r in records])
+    for record in records:
+        if not RUN_ID.fullmatch(record.run_id):
+            raise store.StoreError(f"{record.run_id!r} is no id of a run")
+        run: dict[str, Any] = {"run_id": record.run_id, "problem": "", "states": "none", "peaks_s": {}, "arrays": {}}
+        series = store.series_of(folder, record)
+        if series is not None and "state_t" in series:
+            problem = _describe_problem(record, series)
+            run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
+            arrays, every = _arrays_of_run(series, exact_of.setdefault(name, _Exact(problem)), lossless=lossless)
+            run["peaks_s"] = dict(series.peaks)
+            if len(arrays["state_t"]):
+                run["states"] = "every step" if every else "some steps"
+                run["arrays"], content = _pack(arrays)
+                yield f"runs/{record.run_id}.npy", content
+        runs.append(run)
+    yield "runs.json", _json(runs)
+    for name, known in sorted(exact_of.items()):
+        index = dict[str, Any]()
+        if known.at:
+            index, content = _pack(known.arrays())
+            yield f"references/{name}.npy", content
+        yield f"problems/{name}.json", _json({**known.about, "reference_arrays": index})
+
+
+def _arrays_of_run(series: Series, known: _Exact, *, lossless: bool) -> tuple[dict[str, Array], bool]:
+    """Its states and rows, and whether these are all steps; the exact states beside them go to ``known``."""
+    t = series["state_t"]
+    chosen = np.ones(len(t), dtype=bool) if lossless else select_states(series)
+    arrays = {f"state_{name}": series[f"state_{name}"][chosen] for name in ("t", *STATE)}
+    rows = np.ones(len(series["t"]), dtype=bool) if lossless else np.isin(series["t"], t[chosen])
+    for name, a in series.arrays.items():
+        if not name.startswith(DRAWN) and a.ndim == 1 and len(a) == len(rows) and (lossless or name in SERIES):
+            arrays[name] = a[rows]
+    if lossless and "state_reaction" in series:
+        arrays["state_reaction"] = series["state_reaction"]
+    if "sample_t" in series:
+        wanted = np.isin(series["sample_t"], t[chosen])
+        known.add(series, wanted | lossless)
+    return arrays, bool(np.all(chosen)) and len(t) == len(series["t"])
+
+
+SERIES = ("t", "energy_error")  # rows that thinned bundles hold: no state tells the work done
+
+
+def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
+    """Every number of the problem of a run, from its series."""
+    plain = {"gravity": series["gravity"], **{k: a for k, a in series.arrays.items() if k.startswith("joint_")}}
+    plain |= {k.removeprefix("system_"): a for k, a in series.arrays.items() if k.startswith("system_")}
+    plain |= {k: a for k, a in series.arrays.items() if k.startswith("start_")}
+    kinds = [str(KINDS[k]) for k in plain.pop("joint_sort")]
+    return {
+        "problem": record.problem, "parameters": parse_json(record.problem_parameters, "parameters"),
+        "t_end_s": record.t_end_s, "literal_start": is_literal(record), "section": record.section,
+        "body_names": series.body_names, "joint_names": series.joint_names, "joint_kinds": kinds,
+        "not_serialised": [f"user force {k}" for k in range(len(plain["user_i"]))],
+        "reference": {
+            "kind": series.reference, "route": record.reference, "horizon_s": exact(record.reference_horizon_s),
+        },
+        "numbers": {name: a.tolist() for name, a in sorted(plain.items())},
+    }  # fmt: skip
+
+
+def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
+    """Arrays as one vector of float64 in an NPY file, and where each begins: {name: [offset, shape]}."""
+    index, offset = dict[str, Any](), 0
+    for name, a in arrays.items():
+        index[name] = [offset, list(a.shape)]
+        offset += a.size
+    vector = np.concatenate([np.zeros(0), *(np.asarray(a, dtype="<f8").ravel() for a in arrays.values())])
+    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({offset},), }}"
+    head += " " * (-(len(head) + 11) % 64) + "\n"
+    return index, b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode() + vector.tobytes()
+
+
+def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:
+    """The suite and the environments of a results folder."""
+    here = Place(folder)
+    for name in filter(TEXT.fullmatch, here.names()):
+        text = read_text(here / name, name)
+        if name.startswith("environment."):
+            plain = parse_json(text, name)
+            text = json.dumps({k: v for k, v in plain.items() if k not in LOCAL}, indent=1, sort_keys=True)
+        yield name, text.encode()
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, sort_keys=True, allow_nan=False, separators=(",", ":")).encode()

@@ -1,0 +1,109 @@
+"""When each reported maximum occurred: the steps whose full states a series keeps, so that all can be computed anew."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..types import ACCURATE, Law
+from .measure import JOINTS, Measured, predictable
+from .reactions import STEP
+from .scales import Scales
+
+EVEN, BODIES = 64, 512  # steps kept evenly, at most; fewer of a large system: states of so many bodies
+SHARES = {Law.ENERGY: "energy_share_max", Law.CONSTRAINT: "gap_share_max", Law.CONSTRAINT_RATE: "gap_rate_share_max",
+          Law.ORTHOGONALITY: "orthogonality_max"}  # fmt: skip
+
+
+def find_peaks(m: Measured, *, literal_start: bool = False) -> dict[str, int]:
+    """The step of each maximum by the name of its column; of laws also where each first passes its limit."""
+    found = {
+        "energy_drift_max_J": _largest(m.energy_error),
+        "phi_max": _largest(m.phi_norm),
+        "phi_dot_max": _largest(m.phi_dot_norm),
+        "eq81_max_sqrtJ": _largest(m.eq81_norm),
+    }
+    for law, name in SHARES.items():
+        if literal_start and law in JOINTS:
+            continue
+        shares = [np.abs(one.laws[law]) / one.size.allowed[law] for one in m.mechanisms]
+        worst = np.max(shares, axis=0)
+        found[name] = _largest(worst)
+        if np.any(broken := ~(worst <= 1.0)):
+            found[f"{name}:first"] = int(np.argmax(broken))
+    if m.out_of_plane is not None:
+        found["out_of_plane_max_m"] = _largest(m.out_of_plane)
+    return found | dict(_against_reference(m))
+
+
+def _against_reference(m: Measured) -> Iterator[tuple[str, int]]:
+    """Of the errors, over all compared steps and over those that are judged."""
+    own = m.reference_own_error
+    compared = 0 if own is None else int(np.sum(~np.isnan(own)))
+    if own is None or compared == 0:
+        return
+    judged = max(predictable(m.t[:compared], own[:compared] / m.size.length), 1)
+    for name, unit, error in (
+        ("motion_error", "m", m.motion_error), ("position_error", "m", m.position_error),
+        ("orientation_error", "rad", m.orientation_error), ("rate_error", "m_per_s", m.rate_error),
+        ("velocity_error", "m_per_s", m.velocity_error),
+        ("angular_velocity_error", "rad_per_s", m.angular_velocity_error),
+    ):  # fmt: skip
+        assert error is not None  # with a reference
+        yield f"{name}_judged_{unit}", _largest(error[:judged])
+        yield f"{name}_max_{unit}", _largest(error[:compared])
+    yield "judged_to_s", judged - 1
+    yield "compared_to_s", compared - 1
+    assert m.motion_error is not None
+    for name, level in ACCURATE.items():
+        above = ~(m.motion_error[:compared] <= level * m.size.length + own[:compared])
+        if np.any(above):
+            yield name, int(np.argmax(above))
+
+
+def steps_to_keep(m: Measured, peaks: dict[str, int], nb: int, *, every: bool = False) -> Int[np.ndarray, " ns"]:
+    """Steps whose states are kept: every one, or ``peaks``, those that set scales, both ends, evenly picked pairs."""
+    nt = len(m.t)
+    if every:
+        return np.arange(nt)
+    even = np.linspace(0, nt - 1, min(nt, EVEN, max(2, BODIES // max(nb, 1)))).round().astype(np.int64)
+    of_sizes = [k for size in _sizes(m) for k in size.run_at]
+    around = np.searchsorted(m.t, list(times_between(m).values()), side="right") - 1
+    kept = np.unique(np.concatenate((even, even + 1, list(peaks.values()), of_sizes, around, around + 1, [0, nt - 1])))
+    return kept[(kept >= 0) & (kept < nt)].astype(np.int64)
+
+
+def times_of_scales(m: Measured) -> dict[str, float]:
+    """[s] when the exact motion sets the scales of the system, numbered."""
+    return {f"scale {k + 1}": at for k, at in enumerate(m.size.exact_at)}
+
+
+def times_between(m: Measured) -> dict[str, float]:
+    """[s] of maxima that are no step's own, by column."""
+    found = {
+        "motion_between_max_m": m.motion_between_s,
+        "reaction_error_max_N": m.reaction_error_s,
+        "reaction_size_N": m.reaction_size_s,
+    }
+    return {name: at for name, at in found.items() if np.isfinite(at)}
+
+
+def times_to_keep(m: Measured, steps: Int[np.ndarray, " ns"]) -> Float[np.ndarray, " n"]:
+    """Times at which the exact motion is kept: of ``steps``, and where it sets scales, lies between, or is differenced.
+
+    Forces of the exact motion come from seven of its states around their time.
+    """
+    t = m.t[steps]
+    times = [t[t <= m.reference_horizon * (1.0 + 1e-12)], *(size.exact_at for size in _sizes(m))]
+    for name, at in times_between(m).items():
+        times.append(at + STEP * np.arange(-3.0, 4.0) if name.startswith("reaction") else np.array([at]))
+    return np.unique(np.concatenate(times))
+
+
+def _sizes(m: Measured) -> list[Scales]:
+    return [m.size, *(one.size for one in m.mechanisms)]
+
+
+def _largest(a: np.ndarray) -> int:
+    """The first that is not a number, if there is one."""
+    return int(np.argmax(np.abs(a)))
