@@ -3,7 +3,7 @@
 import contextlib
 import os
 import resource
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 TICK = os.sysconf("SC_CLK_TCK")  # [1/s] unit of the times in /proc
@@ -50,14 +50,17 @@ def cpu_by_process(root: int) -> dict[int, float]:
     return {pid: _times(pid)[0] for pid in descendants(root)}
 
 
-def descendants(root: int) -> list[int]:
-    """All processes below ``root``, ended ones that nobody has waited for included; none without /proc."""
+def descendants(root: int, spared: Collection[int] = ()) -> list[int]:
+    """All processes below ``root``, ended ones that nobody has waited for included; none without /proc.
+
+    Without those ``spared`` and what is below them.
+    """
     found, new = list[int](), [root]
     while new:
         pid = new.pop()
-        for child in _children(pid):
-            found.append(child)
-            new.append(child)
+        below = [child for child in _children(pid) if child not in spared]
+        found += below
+        new += below
     return found
 
 

@@ -97,6 +97,7 @@ STATUS_OF = {
     EndedBy.SUSPENDED: Status.UNFINISHED,
     EndedBy.MEMORY_LIMIT: Status.MEMORY,
 }  # of a run that was cut short; all others crashed
+CUT_SHORT = {*STATUS_OF.values(), Status.CRASHED}
 FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)  # no fault of a solver raises them
 NEAR = 0.9  # of the memory allowed: a signal then means that it ran out
 

@@ -30,7 +30,7 @@ class PresentedSolver:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why the solver cannot take the presented problem."""
-        return self.solver.refuses(*_as_seen(problem, control))
+        return self.solver.refuses(*present_problem(problem, control))
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """There and, if the problem asks for it, back."""
@@ -50,16 +50,20 @@ class PresentedSolver:
         return dataclasses.replace(there, returned=State(end.r, end.R, -end.v, -end.Omega), **cost)
 
     def _there(self, problem: Problem, control: StepControl) -> Trajectory:
-        presentation, system = problem.presentation, problem.system
-        found = self.solver.solve(*_as_seen(problem, control))
-        if presentation == Presentation() or found.states.nb != system.nb:  # of a wrong size: the caller tells
-            return found
-        return dataclasses.replace(
-            found,
-            t=np.asarray(found.t, dtype=float) / presentation.unit_time,
-            states=presentation.states_back(system, found.states),
-            reaction=None if found.reaction is None else presentation.reaction_back(system, np.asarray(found.reaction)),
-        )
+        return bring_home(self.solver.solve(*present_problem(problem, control)), problem)
+
+
+def bring_home(found: Trajectory, problem: Problem) -> Trajectory:
+    """The motion of the presented ``problem`` in its own terms."""
+    presentation, system = problem.presentation, problem.system
+    if presentation == Presentation() or found.states.nb != system.nb:  # of a wrong size: the caller tells
+        return found
+    return dataclasses.replace(
+        found,
+        t=np.asarray(found.t, dtype=float) / presentation.unit_time,
+        states=presentation.states_back(system, found.states),
+        reaction=None if found.reaction is None else presentation.reaction_back(system, np.asarray(found.reaction)),
+    )
 
 
 @dataclass
@@ -81,7 +85,8 @@ class _SpoolAtHome:
         self.spool.take(np.asarray(t) / presentation.unit_time, presentation.states_back(self.problem.system, states))
 
 
-def _as_seen(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
+def present_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
+    """The problem and the steps as a solver gets them."""
     p = problem.presentation
     if p == Presentation():
         return problem, control

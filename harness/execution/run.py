@@ -18,11 +18,11 @@ from ..catalogue import registry
 from ..clock import set_keeper
 from ..places import Place
 from ..results import records, store
-from ..results.records import RunRecord
+from ..results.records import BadRecord, RunRecord
 from ..sandbox.apart import NOWHERE, SLACK, Apart, Ended
-from ..sandbox.isolation import CANNOT_WRITE, adopt_orphans, end_descendants, limit_process, trim
+from ..sandbox.isolation import CANNOT_WRITE, PATIENCE, adopt_orphans, end_descendants, limit_process, trim
 from ..types import EndedBy, Problem
-from .job import GRACE, Job, cut_short, unfinished
+from .job import CUT_SHORT, GRACE, Job, cut_short, unfinished
 from .measuring import Outcome, make_problem, measure_run, write_outcome
 from .worker import SOFT, hand_over
 
@@ -31,12 +31,13 @@ STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when its suite
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
 MEASURING, STORED = "measuring", "stored"  # what a run sends, each before a record: how its solver ended, its outcome
 Send = Callable[[str], None]
+Store = Callable[[Outcome], RunRecord]
 
 
 def run_here(job: Job) -> RunRecord:
     """Run in this process, without limits, and store the record."""
     hand_over(job)
-    return _store(job, measure_run(job, cut_short(job, EndedBy.EXIT)))
+    return store_outcome(job, measure_run(job, cut_short(job, EndedBy.EXIT)))
 
 
 def run_one(
@@ -78,7 +79,8 @@ def run_one(
     return dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, wall_s=time.monotonic() - began))
 
 
-def _store(job: Job, outcome: Outcome) -> RunRecord:
+def store_outcome(job: Job, outcome: Outcome) -> RunRecord:
+    """Write series and record into the results folder."""
     record = write_outcome(job, outcome)
     store.write_record(job.folder, record)
     for rest in (job.handover, job.spool):
@@ -88,7 +90,7 @@ def _store(job: Job, outcome: Outcome) -> RunRecord:
 
 def run_and_store(job: Job, send: Send) -> None:
     """Run for a results folder."""
-    send_record(send, STORED, _store(job, run_one(job, send)))
+    send_record(send, STORED, store_outcome(job, run_one(job, send)))
 
 
 def send_record(send: Send, what: str, record: RunRecord) -> None:
@@ -101,28 +103,51 @@ def words_of(error: OSError) -> str:
     return f"{error.filename}: {error.strerror}" if error.filename else str(error)
 
 
+def measure_kept(job: Job, bare: RunRecord, send: Send, store: Store, problem: Problem | None) -> None:
+    """Measure the steps that a run had kept whose own process ended before it could; ``store`` the outcome."""
+    send_record(send, MEASURING, bare)
+    job.handover.remove_file(missing_ok=True)
+    limit_process(job.spec.memory, STOPPED_MEASURE_LIMIT)
+    send_record(send, STORED, store(measure_run(job, bare, problem)))
+
+
 class Run(Apart):
     """The process of a run, which ends with its record in what it sent, or why there is none."""
 
     def __init__(
         self, job: Job, work: Callable[[Send], object], measure_limit: float = MEASURE_LIMIT,
-        stderr: Path | Place = NOWHERE,
+        stderr: Path | Place = NOWHERE, *, salvages: bool = False,
     ) -> None:  # fmt: skip
-        super().__init__(work, limit=math.inf, wall=math.inf, memory=math.inf, stderr=stderr, above="itself")
+        limit = job.spec.cpu_limit + GRACE  # the process keeps it itself, as long as its solver lets it
+        super().__init__(
+            work, limit=limit + measure_limit, wall=SLACK * (limit + PATIENCE), memory=math.inf, stderr=stderr,
+            above="itself",
+        )  # fmt: skip
         self.job, self.measure_limit = job, SLACK * measure_limit
-        self.began, self.stopped = time.monotonic(), False
+        self.began, self.stopped, self.measuring = time.monotonic(), False, False
+        self.salvages = salvages
 
     def look(self) -> Ended | None:
         """Once the solver's process has ended, keep the limit on the wall time of measuring."""
         ended = super().look()
-        if ended is None and self.deadline == math.inf and f"\n{MEASURING} " in f"\n{self.hear()}":
-            self.deadline = time.monotonic() + self.measure_limit
+        if ended is None and not self.measuring and f"\n{MEASURING} " in f"\n{self.hear()}":
+            self.measuring, self.deadline = True, time.monotonic() + self.measure_limit
         return ended
+
+    def salvage(self, bare: RunRecord, store: Store, problem: Problem | None = None) -> "Run | None":
+        """Where it ended before its solver, the process that measures the steps kept for the record ``bare``."""
+        if self.salvages or self.measuring or not self.job.spool.is_own_file():
+            return None
+
+        def work(send: Send) -> None:
+            measure_kept(self.job, bare, send, store, problem)
+
+        return Run(self.job, work, STOPPED_MEASURE_LIMIT, salvages=True)
 
     def stop(self) -> None:
         """End the solver: its suite has met its limit. The steps that it had kept are measured."""
         self.stopped = True
-        if self.deadline == math.inf:
+        if not self.measuring:
             os.kill(self.pid, signal.SIGTERM)
             self.measure_limit = SLACK * STOPPED_MEASURE_LIMIT
         else:
@@ -130,9 +155,10 @@ class Run(Apart):
 
     def outcome(self, ended: Ended) -> tuple[RunRecord, bool]:
         """The record, and whether the process itself came to the end of its work. OSError where the disk is full."""
-        sent = dict(line.partition(" ")[::2] for line in ended.sent.split("\n"))
+        sent = self._read(ended.sent)
+        self.measuring = MEASURING in sent
         if ended.code == 0 and STORED in sent:
-            return records.from_json(sent[STORED]), True
+            return sent[STORED], True
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "no space left", str(self.job.folder))
         wall = time.monotonic() - self.began
@@ -140,8 +166,21 @@ class Run(Apart):
             if self.stopped:
                 return cut_short(self.job, EndedBy.TOTAL_LIMIT, ended_limit_s=self.job.total_limit, wall_s=wall), False
             return unfinished(self.job, ended, wall, EndedBy.WALL_LIMIT, math.nan), False
-        bare = records.from_json(sent[MEASURING])
+        bare = sent[MEASURING]
         if bare.ended_by != EndedBy.EXIT or bare.exit_code != 0:
             return bare, False
         late = dataclasses.replace(ended, killed=ended.killed or ended.code == -signal.SIGXCPU)
         return unfinished(self.job, late, wall, EndedBy.MEASURE_LIMIT, self.measure_limit), False
+
+    def _read(self, sent: str) -> dict[str, RunRecord]:
+        """The records in whole lines; BadRecord where they are not those that a run sends, each once and in order."""
+        lines = [line.partition(" ")[::2] for line in sent.split("\n")[:-1]]
+        found = {what: records.from_json(text) for what, text in lines if text}
+        bare = found.get(MEASURING)
+        if (
+            [what for what, text in lines if text] not in ([], [MEASURING], [STORED], [MEASURING, STORED])
+            or any(r.run_id != self.job.id for r in found.values())
+            or (bare is not None and bare.status not in CUT_SHORT)
+        ):
+            raise BadRecord("the process of the run sent what is not its record")
+        return found

@@ -15,6 +15,7 @@ from ..suites.spec import RunSpec
 from ..types import Problem
 from .eta import COMPILING, REFERENCES, waiting
 from .job import Job
+from .measuring import Outcome
 from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, STORED, Run, Send, run_one, send_record
 from .run_file import write_run, write_without_motion
 from .supervisor import outcome_of
@@ -67,16 +68,22 @@ def solve_to_file(
                 warm(runs_to_warm([spec], problem), problem)
             send(RUNNING)
             outcome = run_one(job, send, problem, soft=1.0, measure_limit=measure_limit)
-            own = dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, stderr=""))
-            send_record(send, STORED, write_run(out, own))
+            send_record(send, STORED, keep(outcome))
+
+        def keep(outcome: Outcome) -> RunRecord:
+            return write_run(out, dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, stderr="")))
+
+        def finish(process: Run) -> tuple[RunRecord, bool]:
+            try:
+                return outcome_of(process, process.wait(lambda: patience.now(_stage(process.hear()))))
+            finally:
+                partial_of(out, process.pid).unlink(missing_ok=True)
 
         patience.now(COMPILING)
         process = Run(job, work, measure_limit)
-        try:
-            ended = process.wait(lambda: patience.now(_stage(process.hear())))
-            record, stored = outcome_of(process, ended)
-        finally:
-            partial_of(out, process.pid).unlink(missing_ok=True)
+        record, stored = finish(process)
+        if not stored and (salvage := process.salvage(record, keep, problem)) is not None:
+            record, stored = finish(salvage)
         native = job.stderr.read(OUTPUT_LIMIT).decode(errors="replace") if job.stderr.is_there() else ""
         if not stored:
             record = write_without_motion(out, dataclasses.replace(record, stderr=""))

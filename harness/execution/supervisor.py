@@ -12,15 +12,17 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from functools import partial
 
 from ..catalogue import registry
 from ..metrics import compiled
 from ..results import store
 from ..results.records import BadRecord, RunRecord
 from ..sandbox.apart import Ended
+from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out
 from .job import Job
 from .protocol import Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
-from .run import Run, run_and_store, words_of
+from .run import Run, run_and_store, store_outcome, words_of
 from .warmup import references_apart, warm_apart_then_here
 
 POLL = 0.1  # [s]
@@ -45,7 +47,23 @@ class Supervisor:
         for run in list(self.running.values()):
             if (ended := run.look()) is not None:
                 del self.running[run.pid]
-                yield _finish(run, ended)
+                end_orphans(self.running)
+                if (done := self._finish(run, ended)) is not None:
+                    yield done
+
+    def _finish(self, run: Run, ended: Ended) -> Done | None:
+        """See that the run has a record; None while the steps that it had kept are measured for it."""
+        job = run.job
+        try:
+            record, stored = outcome_of(run, ended)
+            if not stored:
+                store.write_record(job.folder, record)
+                if (more := run.salvage(record, partial(store_outcome, job))) is not None:
+                    self.running[more.pid] = more
+                    return None
+        except OSError as error:
+            return Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
+        return Done(job.id)
 
     def stop(self) -> None:
         """End every running run: the suite has met its limit. Each gets a record, with the steps it had kept."""
@@ -59,18 +77,6 @@ class Supervisor:
             os.waitpid(run.pid, 0)
 
 
-def _finish(run: Run, ended: Ended) -> Done:
-    """See that the run has a record."""
-    job = run.job
-    try:
-        record, stored = outcome_of(run, ended)
-        if not stored:
-            store.write_record(job.folder, record)
-    except OSError as error:
-        return Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
-    return Done(job.id)
-
-
 def outcome_of(run: Run, ended: Ended) -> tuple[RunRecord, bool]:
     """The run's ``outcome``; where a solver wrote what is no record into its parent's pipe, that is left out."""
     try:
@@ -81,6 +87,8 @@ def outcome_of(run: Run, ended: Ended) -> tuple[RunRecord, bool]:
 
 def serve(orders: int, news: int) -> None:
     """Take orders from the descriptor ``orders``, write to ``news``; leave at the end of the orders."""
+    shut_out()
+    adopt_orphans()
     supervisor, reader = Supervisor(), Reader(Order)
     os.set_blocking(orders, False)
     try:

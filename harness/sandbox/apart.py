@@ -21,6 +21,8 @@ NOWHERE = Path(os.devnull)
 SLACK = 10.0  # wall time for a second of CPU, on a machine that does other work too
 EVERY = 0.2  # [s] between two looks at the CPU time of a tree
 TICK = 0.02  # [s] between two looks while nothing is sent
+MOST = 2**24  # [bytes] that a process may send; its pipe is closed then
+CHUNK, AT_ONCE = 2**16, 16  # [bytes] of a read, and reads before the limits are looked at again
 ASLEEP = 2.0  # [s] between two looks: more, and it is we who were stopped
 
 
@@ -67,16 +69,19 @@ class Apart:
         self.killed = self.suspended = False
         self._looked = time.monotonic()
         self.closed_at = 0.0  # when it closed its pipe: it is about to end
-        self._sent = b""
+        self._sent = bytearray()
 
     def hear(self) -> str:
         """All that it has sent so far."""
-        try:
-            while not self.closed_at and (chunk := os.read(self.pipe, 2**16)):
+        with contextlib.suppress(BlockingIOError):
+            for _ in range(AT_ONCE):
+                if self.closed_at:
+                    break
+                chunk = os.read(self.pipe, CHUNK)
                 self._sent += chunk
-            self.closed_at = self.closed_at or time.monotonic()
-        except BlockingIOError:
-            pass
+                if not chunk or len(self._sent) > MOST:
+                    os.close(self.pipe)
+                    self.closed_at = time.monotonic()
         return self._sent.decode(errors="replace")
 
     def look(self) -> Ended | None:
@@ -93,7 +98,8 @@ class Apart:
             return None
         sent = self.hear()
         kill_group(self.pid)  # what it started and left behind
-        os.close(self.pipe)
+        if not self.closed_at:
+            os.close(self.pipe)
         code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0
         left = end_descendants()[1] if self.above == "here" else 0.0
         cpu = max(usage.ru_utime + usage.ru_stime + left, sum(self.used.values()))

@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from ..clock import cpu_seconds, descendants, set_keeper
@@ -25,7 +25,9 @@ Target = Callable[[Callable[[str], None]], object]  # what a child runs, given h
 OUTPUT_LIMIT = 2**30  # [bytes] largest file a run may write
 CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is not a result of the run
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
-PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
+PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 4, 36, 38  # prctl(2)
+CREATE_RULESET, RESTRICT_SELF = 444, 446  # system calls of landlock(7)
+MAKE_BLOCK, SCOPE_SIGNAL = 1 << 11, 1 << 1  # rights that it takes: to make block devices, to signal those outside
 TOLD = (signal.SIGTERM, signal.SIGCHLD)  # what a keeper waits for
 PATIENCE = 5.0  # [s] to end all that a target has started
 STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
@@ -61,6 +63,7 @@ def fork(target: Target, stderr: Path | Place, memory: float, cpu: float, *, kee
         _keep((read, write))
     code = 70
     try:
+        close_in()
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
         _redirect(stderr)
@@ -82,8 +85,45 @@ def fork(target: Target, stderr: Path | Place, memory: float, cpu: float, *, kee
 
 def adopt_orphans() -> None:
     """Become the parent of all that is started below this process and loses its own."""
+    _prctl(PR_SET_CHILD_SUBREAPER, 1)
+
+
+def shut_out() -> None:
+    """Keep other processes of this user away from the memory and the open files of this one; children inherit it."""
+    _prctl(PR_SET_DUMPABLE, 0)
+
+
+def close_in() -> None:
+    """Keep this process, and all that it starts, away from all others: their memory, files and, since 6.12, signals.
+
+    Linux does this for root too (landlock); where it cannot, ``shut_out`` of the others is all there is.
+    """
+    shut_out()
+    _prctl(PR_SET_NO_NEW_PRIVS, 1)
     if sys.platform.startswith("linux"):
-        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
+        system = ctypes.CDLL(None).syscall
+        signals = system(CREATE_RULESET, None, ctypes.c_size_t(0), 1) >= 6  # version of landlock
+        rules = (ctypes.c_uint64 * 3)(0 if signals else MAKE_BLOCK, 0, SCOPE_SIGNAL if signals else 0)
+        ruleset = system(CREATE_RULESET, rules, ctypes.c_size_t(ctypes.sizeof(rules)), 0)
+        if ruleset >= 0:
+            system(RESTRICT_SELF, ruleset, 0)
+            os.close(ruleset)
+
+
+def _prctl(option: int, value: int) -> None:
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(option, ctypes.c_ulong(value), 0, 0, 0)
+
+
+def end_orphans(known: Collection[int]) -> None:
+    """Kill all below this process but those ``known`` and what is below them; wait for what is killed."""
+    until = time.monotonic() + PATIENCE
+    while (strays := descendants(os.getpid(), known)) and time.monotonic() < until:
+        for pid in strays:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+            with contextlib.suppress(ChildProcessError):
+                os.waitpid(pid, os.WNOHANG)
 
 
 def kill_descendants(root: int) -> None:
@@ -145,10 +185,9 @@ def _reap() -> dict[int, int]:
 
 def _end_with(parent: int) -> None:
     """Die when the parent does, even by SIGKILL: otherwise nothing would end this process at its limits."""
-    if sys.platform.startswith("linux"):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it went before we asked
-            os._exit(70)
+    _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it went before we asked
+        os._exit(70)
 
 
 def kill_group(pid: int) -> None:
@@ -191,8 +230,9 @@ def limit_process(memory: float, cpu: float) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (OUTPUT_LIMIT, OUTPUT_LIMIT))
     if math.isfinite(cpu):
-        seconds = int(cpu_seconds() + cpu) + 1
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+        seconds, hard = int(cpu_seconds() + cpu) + 1, resource.getrlimit(resource.RLIMIT_CPU)[1]
+        hard = seconds + 5 if hard == resource.RLIM_INFINITY else min(hard, seconds + 5)
+        resource.setrlimit(resource.RLIMIT_CPU, (min(seconds, hard), hard))
     if math.isfinite(memory):
         allowed = _data_in_use() + int(memory * 2**20)
         resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private; RLIMIT_AS counts mapped libraries

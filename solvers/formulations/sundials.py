@@ -21,6 +21,7 @@ from .generated import Code, Program
 ADDRESS, NUMBER, FLAG = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
 INDEX = np.ctypeslib.as_ctypes_type(INT_TYPE)
 BY_COLUMNS, ONE_STEP, ONE_STEP_LIMIT = 0, 2, 100_000  # CSC_MAT, IDA_ONE_STEP; IDA's own limit a call
+OUT_OF_MEMORY = -21  # IDA_MEM_FAIL
 OUT_OF_TIME = (-8, -12)  # IDA's flags of a residual that fails, which it does here at the deadline alone
 CHECK_EVERY = 16  # residuals, a power of two
 CREATORS = ("SUNDense", "SUNBand", "SUNSparse", "SUNLinSol_", "N_V", "IDACreate")  # return addresses, others flags
@@ -64,7 +65,7 @@ class Ida:
         self._atol = atol.copy()
         y, y_dot, tolerances = (self._vector(x, context) for x in (*self._solution, self._atol))
         matrix, solver = self._linear_algebra(linear_solver, n, y, context)
-        self._memory = ADDRESS(_function("IDACreate")(context))
+        self._memory = _allocate("IDACreate", context)
         self._free("IDAFree", ctypes.byref(self._memory))
         code, limit = _residual(), 2**62 if seconds is None else int((time.process_time() + seconds) * 1e6)
         own = (equations.y, equations.y_dot, equations.F)
@@ -117,7 +118,7 @@ class Ida:
         return flag, self._t.value, self._solution[0]
 
     def _vector(self, x: np.ndarray, context: Any) -> Any:
-        out = ADDRESS(_function("N_VMake_Serial")(INDEX(len(x)), ADDRESS(x.ctypes.data), context))
+        out = _allocate("N_VMake_Serial", INDEX(len(x)), ADDRESS(x.ctypes.data), context)
         self._free("N_VDestroy", out)
         return out
 
@@ -139,7 +140,7 @@ class Ida:
         else:
             size, sizes, places = len(rows), [INDEX(n), INDEX(len(rows)), FLAG(BY_COLUMNS)], np.arange(len(rows))
             solver_name, threads = "SUNLinSol_SuperLUMT", [FLAG(1)]  # more take milliseconds to set out
-        matrix = ADDRESS(_function(f"SUN{name}Matrix")(INDEX(n), *sizes, context))
+        matrix = _allocate(f"SUN{name}Matrix", INDEX(n), *sizes, context)
         self._free("SUNMatDestroy", matrix)
         self._data, self._places = _array(_function(f"SUN{name}Matrix_Data")(matrix), np.float64, size), places
         if kind == "sparse":
@@ -147,7 +148,7 @@ class Ida:
             for part, x in (("Values", rows), ("Pointers", starts)):
                 address = _function(f"SUNSparseMatrix_Index{part}")(matrix)
                 self._indices.append((_array(address, INT_TYPE, len(x)), x))
-        solver = ADDRESS(_function(solver_name)(y, matrix, *threads, context))
+        solver = _allocate(solver_name, y, matrix, *threads, context)
         self._free("SUNLinSolFree", solver)
         return matrix, solver
 
@@ -177,7 +178,17 @@ def _array(address: int, kind: Any, size: int) -> np.ndarray:
     return np.ctypeslib.as_array((np.ctypeslib.as_ctypes_type(kind) * size).from_address(address))
 
 
+def _allocate(name: str, *arguments: Any) -> Any:
+    """The address of what the function ``name`` makes; MemoryError where it is NULL."""
+    address = _function(name)(*arguments)
+    if not address:
+        raise MemoryError(f"{name} of SUNDIALS had no memory")
+    return ADDRESS(address)
+
+
 def _check(flag: int) -> None:
+    if flag == OUT_OF_MEMORY:
+        raise MemoryError("SUNDIALS had no memory")
     if flag < 0:
         raise RuntimeError(f"SUNDIALS refused a setting (flag {flag})")
 

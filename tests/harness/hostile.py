@@ -11,9 +11,11 @@ import numpy as np
 
 from mbsbench import Parameter, Problem, States, Status, StepControl, Trajectory, option, problem, solver
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.results.records import RunRecord, to_json
 from mbsbench.tests.harness.misbehaving import (
     Exact,
     FreeFall,
+    first_half,
     follow_exactly,
     solver_of,
 )  # the honest motion that is lied about
@@ -164,3 +166,76 @@ def pulls(self, p, control):
     done = registry.make_solver("rkmk_dop853").solve(p, StepControl(rtol=1e-8))
     reaction = np.full((len(done.t), p.system.nrows), self.force)
     return dataclasses.replace(done, reaction=reaction, cpu_time=float("nan"))
+
+
+def pipes_of(pid: int) -> list[int]:
+    """The pipes of another process, opened anew to be written to."""
+    folder = f"/proc/{pid}/fd"
+    pipes = [fd for fd in os.listdir(folder) if os.readlink(f"{folder}/{fd}").startswith("pipe:")]
+    return [os.open(f"{folder}/{fd}", os.O_WRONLY) for fd in pipes]
+
+
+def send_above(line: bytes) -> None:
+    """A line in the name of the process above this one."""
+    for pipe in pipes_of(os.getppid()):
+        os.write(pipe, line)
+
+
+def perfect_record(control: StepControl) -> bytes:
+    """A success of this run."""
+    own = control.spool.path.stem  # type: ignore[union-attr]
+    record = RunRecord(run_id=own, case="perfect", problem="free_fall", solver="attacks", status="success")
+    return to_json(record).replace("\n", " ").encode()
+
+
+def leave_child(control: StepControl) -> None:
+    """A process of a session of its own that outlives the one above this."""
+    above = os.getppid()
+    if os.fork() == 0:
+        os.setsid()
+        (folder_of(control) / "left").write_text(str(os.getpid()))
+        time.sleep(600.0)
+    while not (folder_of(control) / "left").exists():
+        time.sleep(0.01)
+    os.kill(above, signal.SIGKILL)
+
+
+def flood(control: StepControl) -> None:
+    """Garbage without end."""
+    pipes = pipes_of(os.getppid())
+    while True:
+        for pipe in pipes:
+            os.write(pipe, b"garbage " * 8000 + b"\n")
+
+
+def forge_ending(control: StepControl) -> None:
+    """A success as the record of how the solver ended, before the one above can send its own."""
+    send_above(b"measuring " + perfect_record(control) + b"\n")
+    os.kill(os.getppid(), signal.SIGKILL)
+
+
+ATTACKS = {
+    "kills": lambda control: os.kill(os.getppid(), signal.SIGKILL),
+    "stops": lambda control: os.kill(os.getppid(), signal.SIGSTOP),
+    "forges": lambda control: send_above(b"stored " + perfect_record(control) + b"\n"),
+    "forges_ending": forge_ending,
+    "floods": flood,
+    "writes_memory": lambda control: open(f"/proc/{os.getppid()}/mem", "r+b").close(),
+    "leaves_child": leave_child,
+}
+
+
+@solver_of(what=option("kills", "what it does to the process above it", choices=tuple(ATTACKS)))
+def attacks(self, p, control):
+    """Keeps half of its steps, then reaches above: false where that goes well, else honest."""
+    done = follow_exactly(self, p, control)
+    half = first_half(done)
+    assert control.spool is not None and control.spool.due()
+    control.spool.take(half.t, half.states)
+    try:
+        ATTACKS[self.what](control)
+    except PermissionError:
+        return done
+    if self.what in ("stops", "leaves_child"):
+        time.sleep(600.0)
+    return dataclasses.replace(done, states=dataclasses.replace(done.states, r=1e3 + done.states.r))

@@ -11,7 +11,8 @@ from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
-from mbsbench.solvers.formulations import ida
+from mbsbench.solvers.formulations import ida, sundials
+from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.recording import Clock, StepFailure
 
 from .runs import SYMBOLIC, drift, error, pendulum, run
@@ -223,3 +224,18 @@ def test_a_run_that_loses_its_rows_says_so(solver):
     assert t.status in (Status.SINGULAR, Status.DIVERGED)
     assert "came apart" in t.message or "dependent" in t.message
     assert 0.5 < t.t[-1] < 4.0
+
+
+@pytest.mark.parametrize(
+    "name", ["N_VMake_Serial", "SUNDenseMatrix", "SUNBandMatrix", "SUNSparseMatrix", "SUNLinSol_Dense", "IDACreate"]
+)
+def test_sundials_without_memory_raises(name, monkeypatch):
+    """NULL from a function that allocates is no address to go on with: the run ends with status memory, not a crash."""
+    known = sundials._function
+    monkeypatch.setattr(sundials, "_function", lambda asked: (lambda *a: None) if asked == name else known(asked))
+    n = np.zeros(3)
+    jacobian = lambda cj: np.ones(3)  # noqa: E731
+    equations = sundials.Equations(Program.__new__(Program), n[:1], n, n, n, jacobian, np.arange(3), np.arange(3))
+    kind = next((k for k in ("dense", "band", "sparse") if k in name.lower()), "dense")
+    with pytest.raises(MemoryError, match=name):
+        sundials.Ida(equations, kind, rtol=1e-6, atol=n, first_step=0.0, max_step=1.0, seconds=None)

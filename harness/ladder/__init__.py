@@ -1,0 +1,1 @@
+"""Submissions: run on hidden instances, ranked by error against CPU time."""

@@ -1,0 +1,81 @@
+"""The process that runs submissions blind: it gets numbers without names and never learns what they are.
+
+``python -m mbsbench.harness.ladder.blind`` forks a process a task. Tasks come as files, one path a line on standard
+input; how each process ended goes out as a line.
+"""
+
+import os
+import pickle
+import sys
+import traceback
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from ..catalogue import registry
+from ..execution import handover, worker
+from ..execution.contract import raised_at
+from ..execution.handover import Handover, SolverReport
+from ..execution.presenting import present_problem
+from ..places import Place
+from ..sandbox.apart import Apart, Ended
+from ..sandbox.isolation import shut_out
+from ..types import EndedBy, Problem, Solver, StepControl
+
+
+@dataclass(frozen=True)
+class Task:
+    """A presented problem without its name, what solves it, its limits, and where the outcome goes."""
+
+    problem: Problem
+    control: StepControl
+    solver: str
+    plugin: str  # a file; empty for a solver of the catalogue
+    out: Place
+    stderr: Place
+    limit: float  # [s] of CPU time, import included
+    memory: float  # [MB]
+
+
+def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
+    """``problem`` as it is presented, without a name, a source or a parameter that tells which it is."""
+    seen, steps = present_problem(problem, control)
+    system = replace(seen.system, body_names=(), joint_names=())
+    hidden = {"name": "hidden", "section": "", "source": "", "parameters": {}, "frame": np.eye(3), "dt": 0.0}
+    return replace(seen, system=system, **hidden), steps
+
+
+def attempt(task: Task) -> None:
+    """Import the plugin, ask it, solve, and write the outcome; whatever is raised becomes one."""
+    made = list[Solver]()
+    try:
+        if task.plugin:
+            registry.load_plugin(task.plugin)
+        made.append(solver := registry.make_solver(task.solver))
+        handed = worker.solve(task.problem, solver, task.control)
+    except Exception as error:
+        traceback.print_exc()
+        message = f"{type(error).__name__}: {error}".split("\n")[0][:500]
+        report = SolverReport(by=EndedBy.EXCEPTION, message=message + "".join(raised_at(error, s) for s in made))
+        handed = Handover(report, None)
+    handover.write(task.out, handed)
+
+
+def serve() -> None:
+    """Run the tasks whose files are named on standard input."""
+    shut_out()
+    answers = os.dup(1)
+    os.dup2(2, 1)
+    for line in sys.stdin:
+        task: Task = pickle.loads(Path(line.strip()).read_bytes())
+        Path(line.strip()).unlink()
+        process = Apart(lambda send, task=task: attempt(task), limit=task.limit, memory=task.memory, stderr=task.stderr)  # type: ignore[misc]
+        ended: Ended = process.wait()
+        os.write(answers, msgspec.json.encode(asdict(replace(ended, sent=""))) + b"\n")
+
+
+if __name__ == "__main__":
+    tuple(registry.solvers().values())
+    serve()
