@@ -36,6 +36,10 @@ SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are
 FEW, LEAST_OF_A_BALL = 3, 150  # operations that an entry of H, and a ball, take at least
 
 
+MOST_LOADED = 8  # codes that a process keeps: the last ones
+_LOADED: dict[str, Code] = {}
+
+
 class JointCode(NamedTuple):
     """The code of a mechanism; rows of its loops that hold, and how many there are."""
 
@@ -52,7 +56,11 @@ class JointCode(NamedTuple):
 
 def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
     """Made, or loaded; ValueError where none can be made."""
-    code = Code(lambda: _print(system, tree), f"{texts()}\0{_own_text()}\0{_digest(system, tree)}")
+    key = f"{texts()}\0{_own_text()}\0{_digest(system, tree)}"
+    code = _LOADED.pop(key, None) or Code(lambda: _print(system, tree), key)
+    _LOADED[key] = code
+    if len(_LOADED) > MOST_LOADED:
+        del _LOADED[next(iter(_LOADED))]
     about = np.zeros(3)
     code.function("about", 1)(about.ctypes.data)
     kept, rows, operations = (int(x) for x in about)

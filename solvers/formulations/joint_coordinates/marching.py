@@ -17,7 +17,7 @@ from ..compiled import host as kernel
 from ..compiled.algebra import copy
 from ..compiled.entries import Bound, inner, run
 from ..compiled.host import ENDS, FIRST_STEP, UNTOLD, Method, _march
-from ..compiled.marching import STUCK, March, Record, empty_record, march, new_control
+from ..compiled.marching import FULL, STUCK, March, Record, empty_record, march, new_control
 from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
@@ -209,7 +209,8 @@ class Marcher:
             self._room = self._make_room(min(1 + ROOM // bytes_of_a_step, MOST_AT_ONCE))
         record, march_on = self._room if n >= len(self._room[0].t) else self._make_room(n)
         march_on()
-        return Record(*(a[: self.state["recorded"]].copy() for a in record))
+        taken = Record(*(a[: self.state["recorded"]] for a in record))
+        return Record(*(a.copy() for a in taken)) if self.state["outcome"] == FULL else taken
 
     def _make_room(self, n: int) -> tuple[Record, Bound]:
         record = empty_record(n, len(self.kernel.r), len(self.kernel.lam))
