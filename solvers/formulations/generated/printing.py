@@ -13,7 +13,10 @@ PART = 1500  # operations
 TABLED = ("gathered", "blocks", "added", "added_blocks")  # accessed through a table of places
 ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "fmod": "frem"}
 COMPARED = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
-INTRINSIC = ("sin", "cos", "exp", "log", "sqrt", "fabs", "floor", "ceil", "pow", "copysign")  # of LLVM; else of libm
+LEAST_AND_LARGEST = {"fmin": "minnum", "fmax": "maxnum"}  # LLVM's names
+INTRINSIC = (  # of LLVM; else of libm
+    "sin", "cos", "exp", "log", "sqrt", "fabs", "floor", "ceil", "pow", "copysign", *LEAST_AND_LARGEST.values(),
+)  # fmt: skip
 
 
 def print_module(functions: dict[str, Straight | Loop]) -> str:
@@ -194,6 +197,7 @@ class _Body:
             self._names[number] = self.define(f"{ARITHMETIC[name]} contract double {self.name(a)}, {self.name(b)}")
         else:
             arguments = [f"double {self.name(x)}" for x in (a, b) if x >= 0]
+            name = LEAST_AND_LARGEST.get(name, name)
             callee = f"@llvm.{name}.f64" if name in INTRINSIC else f"@{name}"
             self._callees[f"{callee}({', '.join('double' for _ in arguments)})"] = None
             self._names[number] = self.define(f"call double {callee}({', '.join(arguments)})")

@@ -1,10 +1,12 @@
 """Machine code of a mechanism in joint coordinates, kept on disk under its numbers: kept code needs no CasADi.
 
-    accelerate(t, y) -> y_dot
+    accelerate(t, y) -> y_dot, least
+    measure(given, start, y, sums) -> error; given are t, h, rtol
+    step(given, start, first slope) -> y, error, least: the stages of small mechanisms in one
     finish(t, y) -> y, y_dot, lam, guard: y projected onto its loops, accelerations at what came in
     record(t, y, y_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints, as the system has them
 
-``guard`` is the least pivot over its value at the start, and the largest phi of rows that were left out.
+``least`` is the least pivot over its value at the start; ``guard`` has it and the largest phi of rows left out.
 """
 
 import hashlib
@@ -30,7 +32,12 @@ if TYPE_CHECKING:
     from .motion import Motion
 
 MOST_OPERATIONS = 30_000
+SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are written out
 FEW, LEAST_OF_A_BALL = 3, 150  # operations that an entry of H, and a ball, take at least
+
+
+MOST_LOADED = 8  # codes that a process keeps: the last ones
+_LOADED: dict[str, Code] = {}
 
 
 class JointCode(NamedTuple):
@@ -41,10 +48,19 @@ class JointCode(NamedTuple):
     rows: int
     operations: int  # of ``accelerate``
 
+    @property
+    def is_small(self) -> bool:
+        """Whether there is a ``step``."""
+        return self.operations <= SMALL
+
 
 def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
     """Made, or loaded; ValueError where none can be made."""
-    code = Code(lambda: _print(system, tree), f"{texts()}\0{_own_text()}\0{_digest(system, tree)}")
+    key = f"{texts()}\0{_own_text()}\0{_digest(system, tree)}"
+    code = _LOADED.pop(key, None) or Code(lambda: _print(system, tree), key)
+    _LOADED[key] = code
+    if len(_LOADED) > MOST_LOADED:
+        del _LOADED[next(iter(_LOADED))]
     about = np.zeros(3)
     code.function("about", 1)(about.ctypes.data)
     kept, rows, operations = (int(x) for x in about)
@@ -81,6 +97,7 @@ def _print(system: MultibodySystem, tree: Tree) -> str:
 
     from ..generated.functions import Straight, record_function
     from .elimination import NoInertia
+    from .stages import write_step
 
     def about(kept: int, rows: int, operations: int) -> "dict[str, Any]":
         return {"about": Straight([], [ca.vertcat(kept, rows, operations)])}
@@ -90,6 +107,8 @@ def _print(system: MultibodySystem, tree: Tree) -> str:
     except NoInertia:
         return print_functions(about(0, 0, -1))
     operations = len(record_function(functions["accelerate"]).tape.operations)
+    if operations <= SMALL:
+        functions["step"] = write_step(functions["accelerate"], functions["measure"])
     if operations > MOST_OPERATIONS:
         functions = {}
     return print_functions({**functions, **about(kept, rows, operations)})
@@ -127,6 +146,7 @@ def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight
     from . import loops
     from .elimination import Factor
     from .motion import Motion
+    from .stages import write_measure
 
     nq, nu = tree.nq, tree.nu
     t, y = ca.SX.sym("t"), ca.SX.sym("y", nq + nu)
@@ -149,13 +169,14 @@ def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight
     u = y[nq:] + _column([step[k] for k in range(nu)])
     ratio, gap = ca.SX(1), ca.SX(0)
     for pivot, value in zip(factor.pivots, found.order.pivots, strict=True):
-        ratio = ca.fmin(ratio, pivot / value)
+        ratio = ca.fmin(ratio, (1.0 / value) * pivot)
     for k, row in enumerate(after, first):
         if k not in factor.inverse:
             gap = ca.fmax(gap, ca.fabs(row.phi))
     y_dot = ca.vertcat(moved.q_dot(u), u_dot)
     functions = {
-        "accelerate": Straight([t, y], [ca.vertcat(motion.q_dot(motion.u), u_dot)]),
+        "accelerate": Straight([t, y], [ca.vertcat(motion.q_dot(motion.u), u_dot), ratio]),
+        "measure": write_measure(tree),
         "finish": Straight([t, y], [ca.vertcat(q, u), y_dot, lam, ca.vertcat(ratio, gap)]),
         "record": _record(system, tree, len(rows)),
     }
@@ -241,5 +262,5 @@ def _digest(system: MultibodySystem, tree: Tree) -> str:
 
 @cache
 def _own_text() -> str:
-    names = ("code", "elimination", "loops", "motion", "tree")
+    names = ("code", "elimination", "loops", "motion", "stages", "tree")
     return hashlib.sha256(b"".join(Path(__file__).with_name(f"{name}.py").read_bytes() for name in names)).hexdigest()

@@ -1,33 +1,35 @@
 """DOP853 on the coordinates of a tree, error-controlled, each accepted step projected onto its loops (compiled).
 
-Tolerances are ``rtol (1 + |x|)`` of slides and velocities, vectors by their length, ``rtol`` of angles and half of it
-of quaternions. The kernel takes over where a pivot falls to ``LEAST_PIVOT`` of its start, as it does where the rank of
-the rows changes, where rows that were left out open, and where a step is cut ``MOST_CUTS`` times.
+A step is rejected where a pivot of any of its evaluations falls to ``LEAST_PIVOT`` of its start, as it does where the
+rank of the rows changes, or to ``LEAST_AT_END`` where it is projected, or where rows that were left out open there. A
+step that is cut ``MOST_CUTS`` times is left to the kernel, and so is the rest of the run.
 """
 
 import dataclasses
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ....harness.clock import cpu_seconds
-from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from ....harness.mechanics.state import State
+from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled import host as kernel
 from ..compiled.algebra import copy
 from ..compiled.entries import Bound, inner, run
-from ..compiled.host import ENDS, FIRST_STEP, NAMES, UNTOLD, Method, _march
-from ..compiled.marching import STUCK, March, Record, empty_record, march, new_control
+from ..compiled.host import ENDS, FIRST_STEP, UNTOLD, Method, _march
+from ..compiled.marching import FULL, STUCK, March, Record, empty_record, march, new_control
 from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
 from .code import MOST_OPERATIONS, least_operations, make_code, too_large
-from .tree import Tree, spanning_tree
+from .tree import spanning_tree
 
-LEAST_PIVOT = 1e-6
+LEAST_PIVOT, LEAST_AT_END = 1e-6, 1e-4  # over their values at the start, in stages and where a step is projected
 OPEN = 1e-6  # of the size of the mechanism: rows that were left out
 MOST_CUTS = 10
+NEAR = 10.0  # as an error: a step that comes too near is cut to two thirds
+ROOM, MOST_AT_ONCE = 1_000_000, 1000  # bytes and steps that are recorded before Python takes them over
 
 
 class Bodies(NamedTuple):
@@ -45,7 +47,7 @@ class Stages(NamedTuple):
     """Room for one step."""
 
     control: Any
-    t: Any  # (1,)
+    given: Any  # (3,) t, h, rtol, as code reads them
     a: Any  # tableau: (s, s)
     b: Any  # (s,)
     c: Any  # (s,)
@@ -56,10 +58,13 @@ class Stages(NamedTuple):
     after: Any  # (n,) projected
     slopes: Any  # (s, n)
     sums: Any  # (2, n)
-    block: Any  # (m, 3): first number, how many, and 0 of what has a length, else twice the tolerance of an angle
-    guard: Any  # (2,) as code leaves it
-    limits: Any  # (3,) least pivot, largest gap, rejections at the last accepted step
+    error: Any  # (1,)
+    least: Any  # (1,) pivot of the last evaluation, or of all of a step in one
+    guard: Any  # (2,) of the step: least pivot, gap
+    limits: Any  # (4,) least pivot of stages and at the end, largest gap, rejections at the last accepted step
     accelerate: int
+    measure: int
+    whole: int
     finish: int
     record: int
 
@@ -67,33 +72,67 @@ class Stages(NamedTuple):
 def step(s: Any) -> None:
     """Stages and the error of a step of ``control.h``."""
     c, n = s.control, len(s.b)
-    if c.rejected - s.limits[2] >= MOST_CUTS:
-        c.status = STUCK
+    if _is_stuck(s):
         return
+    least = 1.0
     for i in range(1, n):
         _combine(s, s.a[i], i, s.y, c.h)
-        s.t[0] = c.t + c.h * s.c[i]
+        s.given[0] = c.t + c.h * s.c[i]
         run(s.accelerate)
-        c.evaluations += 1
+        least = min(least, s.least[0])
         copy(s.y_dot, s.slopes[i])
     _combine(s, s.b, n, s.y, c.h)
-    s.t[0] = c.t + c.h
-    c.error = _error(s, c.h, c.rtol)
+    _add_errors(s)
+    s.given[1], s.given[2] = c.h, c.rtol
+    run(s.measure)
+    _close(s, least)
+
+
+def step_at_once(s: Any) -> None:
+    """``step`` by code that has all stages in it."""
+    c = s.control
+    if _is_stuck(s):
+        return
+    s.given[0], s.given[1], s.given[2] = c.t, c.h, c.rtol
+    run(s.whole)
+    _close(s, s.least[0])
 
 
 def finish(s: Any) -> None:
-    """Project; the accelerations at what came in are the next step's first."""
+    """Go on from what was projected; the accelerations at what came in are the next step's first."""
     c = s.control
-    run(s.finish)
-    c.evaluations += 1
     c.factorisations = c.evaluations
     copy(s.after, s.y)
     copy(s.after, s.start)
     copy(s.y_dot, s.slopes[0])
-    s.limits[2] = c.rejected
-    if not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1]):
-        s.limits[2] = c.rejected - MOST_CUTS  # the next step is none
+    s.limits[3] = c.rejected
     run(s.record)
+
+
+@inner
+def _is_stuck(s: Any) -> bool:
+    c = s.control
+    if c.rejected - s.limits[3] < MOST_CUTS:
+        return False
+    c.status = STUCK
+    return True
+
+
+@inner
+def _close(s: Any, least: float) -> None:
+    """Project a step whose error is small enough; one that comes near a change of rank is to be cut."""
+    c = s.control
+    c.evaluations += len(s.b) - 1
+    c.error = s.error[0]
+    s.guard[0], s.guard[1] = least, 0.0
+    near = not least > s.limits[0]
+    if c.error <= 1.0 and not near:
+        s.given[0] = c.t + c.h
+        run(s.finish)
+        c.evaluations += 1
+        near = not (s.guard[0] > s.limits[1] and s.guard[1] < s.limits[2])
+    if near:
+        c.error = max(c.error, NEAR)
 
 
 @inner
@@ -109,9 +148,8 @@ def _combine(s: Any, weights: Any, n: int, out: Any, h: float) -> None:
 
 
 @inner
-def _error(s: Any, h: float, rtol: float) -> float:
-    """RMS of the error estimate over the tolerances."""
-    first = second = 0.0
+def _add_errors(s: Any) -> None:
+    """Both estimates of the error, over h."""
     for e in range(2):
         total = s.sums[e]
         for k in range(len(total)):
@@ -122,23 +160,12 @@ def _error(s: Any, h: float, rtol: float) -> float:
                 slope = s.slopes[i]
                 for k in range(len(total)):
                     total[k] += w * slope[k]
-    for m in range(len(s.block)):
-        low, high = s.block[m, 0], s.block[m, 0] + s.block[m, 1]
-        before = after = 0.0
-        for k in range(low, high):
-            before += s.start[k] * s.start[k]
-            after += s.y[k] * s.y[k]
-        scale = rtol * (1.0 + math.sqrt(max(before, after))) if s.block[m, 2] == 0 else 0.5 * rtol * s.block[m, 2]
-        for k in range(low, high):
-            first += (s.sums[0, k] / scale) ** 2
-            second += (s.sums[1, k] / scale) ** 2
-    if first == 0.0 and second == 0.0:
-        return 0.0
-    return h * first / math.sqrt((first + 0.01 * second) * len(s.y))
 
 
 class Marcher:
     """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
+
+    _room: tuple[Record, Bound] | None = None
 
     def __init__(self, problem: Problem, state: np.ndarray) -> None:
         system, tree = problem.system, spanning_tree(problem.system, problem.initial)
@@ -149,33 +176,48 @@ class Marcher:
             np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6)), np.zeros(system.nrows),
             np.arange(system.nrows),
         )  # fmt: skip
-        t, y, y_dot, after, lam, guard = (np.zeros(k) for k in (1, n, n, n, self.code.rows, 2))
+        given, y, y_dot, after, lam, guard, start = (np.zeros(k) for k in (3, n, n, n, self.code.rows, 2, n))
+        t, slopes, sums, error, least = given[:1], np.zeros((len(tableau.b), n)), np.zeros((2, n)), *np.zeros((2, 1))
+        calls = {
+            "accelerate": [t, y, y_dot, least], "measure": [given, start, y, sums, error],
+            "step": [given, start, slopes[0], y, error, least], "finish": [t, y, after, y_dot, lam, guard],
+            "record": [t, after, y_dot, lam, *bodies[:5]],
+        }  # fmt: skip
+        if not self.code.is_small:
+            calls["step"] = []
         address = self.code.code.address
-        self._programs = [
-            Program([(address("accelerate"), [t, y, y_dot])], self.code),
-            Program([(address("finish"), [t, y, after, y_dot, lam, guard])], self.code),
-            Program([(address("record"), [t, after, y_dot, lam, *bodies[:5]])], self.code),
-        ]
+        self._programs = [Program([(address(name), a)] if a else [], self.code) for name, a in calls.items()]
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(
-            state, t, tableau.a, tableau.b, tableau.c, tableau.error, tree.start.copy(), y, y_dot, after,
-            np.zeros((len(tableau.b), n)), np.zeros((2, n)), _blocks(tree), guard,
-            np.array([LEAST_PIVOT, OPEN * (reach or 1.0), 0.0]), *(program.entry for program in self._programs),
+            state, given, tableau.a, tableau.b, tableau.c, tableau.error, start, y, y_dot, after, slopes, sums, error,
+            least, guard, np.array([LEAST_PIVOT, LEAST_AT_END, OPEN * (reach or 1.0), 0.0]),
+            *(program.entry for program in self._programs),
         )  # fmt: skip
+        one = step_at_once if self.code.is_small else step
+        self._entries = Bound(one, self.stages), Bound(finish, self.stages)
         y[:] = tree.start
-        self._entries = Bound(step, self.stages), Bound(finish, self.stages)
+        self._programs[3].run()
         self._entries[1]()
-        y[:], self.stages.start[:] = tree.start, tree.start
+        y[:], start[:] = tree.start, tree.start
         self.reaction = bodies.lam.copy()[None]
         self.stretch(0)
 
     def stretch(self, n: int) -> Record:
-        """Up to ``n`` steps from where it stands; ``state`` says why it has ended."""
-        nb, nrows = len(self.kernel.r), len(self.kernel.lam)
-        record = empty_record(n, nb, nrows)
+        """Up to ``n`` steps, or as many as there is room for; ``state`` says why it has ended."""
+        if self._room is None:
+            bytes_of_a_step = 8 * (1 + 18 * len(self.kernel.r) + len(self.kernel.lam))
+            self._room = self._make_room(min(1 + ROOM // bytes_of_a_step, MOST_AT_ONCE))
+        record, march_on = self._room if n >= len(self._room[0].t) else self._make_room(n)
+        march_on()
+        taken = Record(*(a[: self.state["recorded"]] for a in record))
+        return Record(*(a.copy() for a in taken)) if self.state["outcome"] == FULL else taken
+
+    def _make_room(self, n: int) -> tuple[Record, Bound]:
+        record = empty_record(n, len(self.kernel.r), len(self.kernel.lam))
+        for a in record:
+            a.fill(0.0)  # the system provides pages as they are touched
         bundle = March(self.state, self.kernel, record, UNTOLD, *(e.entry for e in self._entries))  # type: ignore[arg-type]
-        Bound(march, bundle)()
-        return Record(*(a[: self.state["recorded"]] for a in record))
+        return record, Bound(march, bundle)
 
     def explain(self, outcome: int) -> str:
         """Why the march has ended."""
@@ -188,16 +230,35 @@ class Marcher:
         )
 
 
-def _blocks(tree: Tree) -> np.ndarray:
-    """(first, size, kind) of the parts of y."""
-    out: list[tuple[int, int, int]] = []
-    for limb in tree.limbs:
-        for at, kind in ((limb.q_at, 2), (tree.nq + limb.u_at, 0)):
-            ns, n = len(limb.slides), limb.sizes[0 if kind else 1]
-            slides = [(at, ns)] if limb.ball and ns else [(at + k, 1) for k in range(ns)]
-            out += [(*x, 0) for x in slides]
-            out += [(at + ns, n - ns, kind // 2)] if limb.ball else [(at + k, 1, kind) for k in range(ns, n)]
-    return np.array(out, dtype=np.int64).reshape(-1, 3)
+class Relay:
+    """A march by code, and by the kernel of rkmk_dop853 where that cannot go on: one time, one count."""
+
+    def __init__(self, problem: Problem, code: Marcher) -> None:
+        self.state, self.kernel, self.reaction = code.state, code.kernel, code.reaction
+        self.set_up, self.notes = 0.0, list[str]()
+        self._problem, self._code, self._runner = problem, code, code  # type: ignore[var-annotated]
+
+    def stretch(self, n: int) -> Record:
+        """Up to ``n`` steps, reactions as the system has them."""
+        record: Record = self._runner.stretch(n)
+        if self._runner is not self._code:
+            return record._replace(lam=record.lam[:, self._runner.kernel.order])
+        if self.state["outcome"] == STUCK:
+            self._hand_over()
+        return record
+
+    def _hand_over(self) -> None:
+        began, t, k = cpu_seconds(), float(self.state["t"]), self.kernel
+        why = f"{self._code.explain(STUCK)} at t = {t:g} s"
+        self.notes.append(f"{why}; from there on by the kernel of rkmk_dop853")
+        here = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), t)
+        rest = dataclasses.replace(self._problem, initial=here)
+        self._runner = kernel.Marcher(rest, explicit_pair(DOPRI853), self.state)
+        self.set_up = cpu_seconds() - began
+
+    def explain(self, outcome: int) -> str:
+        """Why the march has ended."""
+        return "; ".join([*self.notes, self._runner.explain(outcome)])
 
 
 METHOD = Method(
@@ -225,36 +286,12 @@ def integrate(problem: Problem, control: StepControl) -> Trajectory:
         marcher = Marcher(problem, state)
     except ValueError as error:
         return no_trajectory(problem, Status.REFUSED, str(error))
-    out = _march(problem, control, METHOD, marcher, cpu_seconds() - began)
+    relay = Relay(problem, marcher)
+    out = _march(problem, control, METHOD, relay, cpu_seconds() - began)
     notes = [f"code of {marcher.code.operations} operations an evaluation"]
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
-    out = dataclasses.replace(out, notes=tuple(notes))
-    if state["outcome"] != STUCK:
-        return out
-    if problem.system.is_timed:  # the kernel's time begins at 0
-        return dataclasses.replace(out, status=Status.SINGULAR, message=f"{out.message}: use rkmk_dop853")
-    return _hand_over(problem, control, out)
-
-
-def _hand_over(problem: Problem, control: StepControl, done: Trajectory) -> Trajectory:
-    """The rest of the run by the kernel of rkmk_dop853, from the start of the last step on: its end is doubtful."""
-    n = max(len(done.t) - 1, 1)
-    assert done.reaction is not None
-    reaction, states = done.reaction[:n], States(*(getattr(done.states, name)[:n] for name in NAMES))
-    done = dataclasses.replace(done, t=done.t[:n], states=states, counters={**done.counters, "steps": n - 1})
-    start, steps = float(done.t[-1]), n - 1
-    used, why = done.cpu_time + done.setup_time, f"{done.message}; from there on by the kernel of rkmk_dop853"
-    limit = None if control.cpu_limit is None else max(control.cpu_limit - used, 1e-3)
-    left = dataclasses.replace(control, max_steps=control.max_steps - steps, cpu_limit=limit, spool=None)
-    rest = dataclasses.replace(problem, initial=done.states[len(done.t) - 1], t_end=problem.t_end - start)
-    out = kernel.integrate(rest, left, explicit_pair(DOPRI853))
-    assert out.reaction is not None
-    times = np.where(out.t == rest.t_end, problem.t_end, start + out.t)
     return dataclasses.replace(
-        out, t=np.concatenate((done.t, times[1:])), notes=(*done.notes, why),
-        states=States(*(np.concatenate((getattr(done.states, n), getattr(out.states, n)[1:])) for n in NAMES)),
-        counters={name: count + out.counters[name] for name, count in done.counters.items()},
-        reaction=np.concatenate((reaction, out.reaction[1:])), cpu_time=done.cpu_time + out.cpu_time,
-        setup_time=done.setup_time + out.setup_time,
+        out, notes=(*notes, *relay.notes), cpu_time=out.cpu_time - relay.set_up,
+        setup_time=out.setup_time + relay.set_up,
     )  # fmt: skip

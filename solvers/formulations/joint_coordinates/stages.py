@@ -1,0 +1,58 @@
+"""DOP853 as expressions: the error of a step, and all stages of a small mechanism in one function.
+
+Tolerances are ``rtol (1 + |x|)`` of slides and velocities, vectors by their length, ``rtol`` of angles and half of it
+of quaternions.
+"""
+
+import casadi as ca
+
+from ..generated import Straight
+from ..methods.tableaux import DOPRI853
+from .tree import Tree
+
+NOTHING = 1e-300  # no error at all is 0, not 0/0
+
+
+def write_measure(tree: Tree) -> Straight:
+    """(t, h, rtol), start, y, sums of both estimates by columns -> RMS of the error estimate over the tolerances."""
+    n = tree.nq + tree.nu
+    given, start, y, sums = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("y", n), ca.SX.sym("sums", 2 * n)
+    first = second = ca.SX(0)
+    for low, high, angle in _blocks(tree):
+        a, b, x, z = start[low:high], y[low:high], sums[low:high], sums[n + low : n + high]
+        scale = 0.5 * angle if angle else 1.0 + ca.sqrt(ca.fmax(ca.dot(a, a), ca.dot(b, b)))
+        weight = 1.0 / (scale * scale)
+        first, second = first + weight * ca.dot(x, x), second + weight * ca.dot(z, z)
+    error = given[1] * first / (given[2] * ca.sqrt((first + 0.01 * second) * n + NOTHING))
+    return Straight([given, start, y, sums], [error])
+
+
+def write_step(accelerate: Straight, measure: Straight) -> Straight:
+    """(t, h, rtol), start, its slope -> y at the end, its error, the least pivot of all stages."""
+    f, error = (ca.Function("f", x.inputs, x.outputs) for x in (accelerate, measure))
+    n = accelerate.inputs[1].numel()
+    given, start, first = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("first", n)
+    t, h, slopes, least = given[0], given[1], [first], ca.SX(1)
+
+    def combined(weights: "list[float]") -> ca.SX:
+        terms = [w * slope for w, slope in zip(weights, slopes, strict=False) if w]
+        return sum(terms[1:], terms[0])
+
+    for a, c in zip(DOPRI853.a[1:].tolist(), DOPRI853.c[1:].tolist(), strict=True):
+        slope, pivot = f(t + c * h, start + h * combined(a))
+        slopes.append(slope)
+        least = ca.fmin(least, pivot)
+    y = start + h * combined(DOPRI853.b.tolist())
+    sums = ca.vertcat(*(combined(row) for row in DOPRI853.error.tolist()))
+    return Straight([given, start, first], [y, error(given, start, y, sums), least])
+
+
+def _blocks(tree: Tree) -> list[tuple[int, int, int]]:
+    """(first, last + 1, 0 of what has a length, else twice the tolerance of an angle) of the parts of y."""
+    out: list[tuple[int, int, int]] = []
+    for limb in tree.limbs:
+        for at, kind in ((limb.q_at, 2), (tree.nq + limb.u_at, 0)):
+            ns, n = len(limb.slides), limb.sizes[0 if kind else 1]
+            out += [(at, at + ns, 0)] if limb.ball and ns else [(at + k, at + k + 1, 0) for k in range(ns)]
+            out += [(at + ns, at + n, kind // 2)] if limb.ball else [(at + k, at + k + 1, kind) for k in range(ns, n)]
+    return out
