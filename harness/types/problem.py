@@ -58,7 +58,7 @@ class ReferenceKind(StrEnum):
 
 @runtime_checkable
 class Reference(Protocol):
-    """The exact motion, from outside the contestants; its ``kind`` is ``formula`` unless it has one."""
+    """The exact motion, from outside the contestants; its ``kind`` is ``computed`` unless it has one."""
 
     @property
     def route(self) -> str:
@@ -129,7 +129,7 @@ class Problem:
 
 def kind_of(reference: Reference) -> ReferenceKind:
     """What its stated error is worth."""
-    return ReferenceKind(getattr(reference, "kind", ReferenceKind.FORMULA))
+    return ReferenceKind(getattr(reference, "kind", ReferenceKind.COMPUTED))
 
 
 TURNED = 16.0 * float(np.finfo(float).eps)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
+from ...harness.types import ReferenceKind
 
 ROUNDING = float(np.finfo(float).eps)
 SAME = 1e-12  # of two starts: rounding of turned frames, times a thousand
@@ -22,6 +23,7 @@ class ClosedForm:
     size: float  # [m]
     speed: float = 0.0  # [m/s] of what grows without bound, phases times lengths included
     horizon: float = math.inf
+    kind: ReferenceKind = ReferenceKind.FORMULA
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         """The motion at ``t`` [s]."""

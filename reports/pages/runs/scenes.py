@@ -74,8 +74,9 @@ def _said(role: Role, site: Site) -> dict[str, str]:
     run, measured = role.run, mark(role.run.status)
     broken = reasons_of(run.record.wrong_because) if run.status == "wrong" else ()
     since = min((r.time_s for r in broken if math.isfinite(r.time_s)), default=math.nan)
+    badge = measured.word + (f" from {number(since)} s" if since == since else "")
     return {
         "solver": run.record.solver, "words": role.words, "step": run.step_words, "url": site.url(run),
-        "claimed": run.record.claimed.replace("_", " "), "measured": measured.word + (f" from {number(since)} s" if since == since else ""), "kind": measured.kind,
+        "claimed": run.record.claimed.replace("_", " "), "measured": badge, "kind": measured.kind,
         "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip
