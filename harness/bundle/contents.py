@@ -21,7 +21,7 @@ from .selection import STATE, select_samples, select_states
 
 FORMAT, VERSION = "mbsbench bundle", 1
 RUN_ID = re.compile(r"[0-9a-f]{8,64}")
-TEXT = re.compile(r"suite\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
+TEXT = re.compile(r"[a-z0-9_-]+\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
 LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
 SERIES = ("t", "energy_error")  # rows that thinned bundles hold: no state tells the work done
 DRAWN = ("frame_", "exact_", "state_", "sample_", "end_", "start_", "joint_", "system_")  # no rows along t
@@ -147,7 +147,7 @@ def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
 
 
 def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """The suite and the environments of a results folder."""
+    """The suite of a results folder with those it includes, and its environments."""
     here = Place(folder)
     for name in filter(TEXT.fullmatch, here.names()):
         text = read_text(here / name, name)

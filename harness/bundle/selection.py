@@ -5,7 +5,7 @@ from jaxtyping import Bool
 
 from ..results.series import Series
 
-ROOM = 6_000  # [bytes] of states for a run, as numbers; a run of which not one fits has none
+ROOM = 18_000  # [bytes] of states for a run, as numbers; a run of which not one fits has none
 DECIDING = (  # columns by whose maxima a run is judged, and beside them those that tables show
     "motion_error_judged_m", "energy_share_max", "gap_share_max", "gap_rate_share_max", "rate_error_judged_m_per_s",
     "orthogonality_max", "position_error_judged_m", "orientation_error_judged_rad", "energy_drift_max_J", "phi_max",
