@@ -17,11 +17,11 @@ from ..results import store
 from ..results.records import COLUMNS, RunRecord, is_literal
 from ..results.series import Series
 from .crate import METADATA, describe_crate
-from .selection import STATE, select_samples, select_states
+from .selection import STATE, select_states
 
 FORMAT, VERSION = "mbsbench bundle", 1
 RUN_ID = re.compile(r"[0-9a-f]{8,64}")
-TEXT = re.compile(r"suite\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
+TEXT = re.compile(r"[a-z0-9_-]+\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
 LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
 SERIES = ("t", "energy_error")  # rows that thinned bundles hold: no state tells the work done
 DRAWN = ("frame_", "exact_", "state_", "sample_", "end_", "start_", "joint_", "system_")  # no rows along t
@@ -103,16 +103,17 @@ def _check_arrays(record: RunRecord, series: Series) -> None:
 def _arrays_of_run(series: Series, known: _Exact, *, lossless: bool) -> tuple[dict[str, Array], bool]:
     """Its states and rows, and whether these are all steps; the exact states beside them go to ``known``."""
     t = series["state_t"]
-    chosen = np.ones(len(t), dtype=bool) if lossless else select_states(series)
+    chosen, exact_ones = select_states(series)
+    chosen |= lossless
+    exact_ones |= lossless
     arrays = {f"state_{name}": series[f"state_{name}"][chosen] for name in ("t", *STATE)}
-    rows = np.ones(len(series["t"]), dtype=bool) if lossless else np.isin(series["t"], t[chosen])
+    rows = np.isin(series["t"], t[chosen]) | lossless
     for name, a in series.arrays.items():
         if not name.startswith(DRAWN) and a.ndim == 1 and len(a) == len(rows) and (lossless or name in SERIES):
             arrays[name] = a[rows]
     if lossless and "state_reaction" in series:
         arrays["state_reaction"] = series["state_reaction"]
-    if "sample_t" in series:
-        known.add(series, select_samples(series, chosen) | lossless)
+    known.add(series, exact_ones)
     return arrays, bool(np.all(chosen)) and len(t) == len(series["t"])
 
 
@@ -147,7 +148,7 @@ def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
 
 
 def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """The suite and the environments of a results folder."""
+    """The suite of a results folder with those it includes, and its environments."""
     here = Place(folder)
     for name in filter(TEXT.fullmatch, here.names()):
         text = read_text(here / name, name)
