@@ -23,6 +23,11 @@ from ..places import Place
 from ..sandbox.apart import Apart, Ended
 from ..sandbox.isolation import shut_out
 from ..types import EndedBy, Problem, Solver, StepControl
+from .fence import keep_in_folder
+
+OUT = "outcome.npz"
+PACKAGE = __name__.removesuffix(".harness.ladder.blind") if __name__ != "__main__" else "mbsbench"
+KNOWS_ANSWERS = (f"{PACKAGE}.problems", f"{PACKAGE}.harness.reference", f"{PACKAGE}.harness.ladder.instances")
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class Task:
     control: StepControl
     solver: str
     plugin: str  # a file; empty for a solver of the catalogue
-    out: Place
+    folder: Path  # the only place that it may write to; the outcome goes there
     stderr: Place
     limit: float  # [s] of CPU time, import included
     memory: float  # [MB]
@@ -50,6 +55,11 @@ def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepC
 def attempt(task: Task) -> None:
     """Import the plugin, ask it, solve, and write the outcome; whatever is raised becomes one."""
     made = list[Solver]()
+    keep_in_folder(task.folder)
+    os.chdir(task.folder)
+    os.environ["TMPDIR"] = str(task.folder)
+    for name in [*(m for m in sys.modules if m.startswith(KNOWS_ANSWERS)), *KNOWS_ANSWERS]:
+        sys.modules[name] = None  # type: ignore[assignment]  # a submission cannot import it
     try:
         if task.plugin:
             registry.load_plugin(task.plugin)
@@ -60,7 +70,7 @@ def attempt(task: Task) -> None:
         message = f"{type(error).__name__}: {error}".split("\n")[0][:500]
         report = SolverReport(by=EndedBy.EXCEPTION, message=message + "".join(raised_at(error, s) for s in made))
         handed = Handover(report, None)
-    handover.write(task.out, handed)
+    handover.write(task.folder / OUT, handed)
 
 
 def serve() -> None:

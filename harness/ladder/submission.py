@@ -1,5 +1,6 @@
 """A submission run on its hidden instances, measured by processes that never saw its code."""
 
+import contextlib
 import json
 import math
 import os
@@ -16,7 +17,8 @@ import numpy as np
 
 from ..catalogue import registry
 from ..execution import handover
-from ..execution.handover import BadHandover, Handover, SolverReport
+from ..execution.contract import repeated_cost
+from ..execution.handover import LARGEST, BadHandover, Handover, SolverReport
 from ..execution.job import GRACE, Job, cut_short, unfinished
 from ..execution.measuring import Outcome, judge_handover
 from ..execution.presenting import bring_home
@@ -32,7 +34,7 @@ from ..sandbox.apart import SLACK, Apart, Ended
 from ..sandbox.isolation import trim
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Problem, StepControl
-from .blind import Task, hide_problem
+from .blind import OUT, Task, hide_problem
 from .instances import KINDS, STEPS, Instance, Kind, digest_of, draw_instances
 
 CPU_LIMIT = 20.0  # [s] of a run, import included
@@ -153,9 +155,12 @@ def _problem(job: Job) -> Problem:
 def _solve(blind: Blind, submission: Submission, job: Job) -> Ended:
     control = replace(job.spec.control, cpu_limit=SOFT * CPU_LIMIT)
     hidden = hide_problem(_problem(job), control)
-    job.handover.remove_file(missing_ok=True)
-    task = Task(*hidden, submission.name, submission.plugin, job.handover, job.stderr, CPU_LIMIT + GRACE, MEMORY)
-    return blind.run(task)
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        task = Task(*hidden, submission.name, submission.plugin, Path(place), job.stderr, CPU_LIMIT + GRACE, MEMORY)
+        ended = blind.run(task)
+        with contextlib.suppress(OSError):  # a link or the like in its place: nothing was handed over
+            job.handover.write((Place(Path(place)) / OUT).read(LARGEST))
+    return ended
 
 
 def _measure_apart(run: _Run) -> RunRecord:
@@ -179,7 +184,7 @@ def _measure(run: _Run) -> RunRecord:
     job, ended = run.job, run.ended[-1]
     problem = _problem(job)
     trim(job.stderr)
-    cpu = [e.cpu for e in run.ended]
+    cpu = repeated_cost([e.cpu for e in run.ended])  # later ones may have been prepared by the first
     cost = {"cpu_min_s": min(cpu), "cpu_median_s": float(np.median(cpu)), "cpu_max_s": max(cpu), "repeats": len(cpu)}
     bare = replace(unfinished(job, ended, math.nan, EndedBy.WALL_LIMIT, SLACK * CPU_LIMIT), **cost)
     outcome = Outcome(replace(bare, section=problem.section, t_end_s=problem.t_end), problem)

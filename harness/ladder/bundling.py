@@ -1,0 +1,88 @@
+"""The bundle of a submission: written from its results folder, and read as hostile data."""
+
+import json
+import subprocess
+import sys
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..bundle.archive import check_archive, write_archive
+from ..bundle.contents import list_contents
+from ..files import FileError, parse_json, parse_toml
+from ..results import records, store
+from ..results.environment import ROOT
+from ..results.records import RunRecord
+from .instances import KINDS, STEPS, Instance, Kind, draw_instances
+
+CHECKER = ROOT / "checker" / "check_bundle.py"
+CHECK_LIMIT = 60.0  # [s] of wall time for the checker
+LARGEST = 2**26  # [bytes] of the suite and of all records together
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A bundle of the ladder: who, what was run, and why it is no entry (nothing: it is one)."""
+
+    file: str
+    solver: str
+    digest: str
+    seed: str
+    records: tuple[RunRecord, ...]
+    forged: tuple[str, ...] = ()
+
+
+def write_bundle(folder: Path, path: Path) -> None:
+    """The results in ``folder`` as the lossless bundle ``path``."""
+    write_archive(path, list_contents(folder, store.newest(store.load(folder).records), lossless=True))
+
+
+def read_entry(path: Path, kinds: tuple[Kind, ...] = KINDS) -> Entry:
+    """What a bundle says, and where it cannot be believed: its manifest, its instances, its numbers."""
+    found = list(check_archive(path))
+    if found:
+        return Entry(path.name, path.stem, "", "", (), tuple(found))
+    try:
+        with zipfile.ZipFile(path) as archive:
+            texts = [_read(archive, name) for name in ("suite.toml", "records.json")]
+        about = parse_toml(texts[0], "suite.toml")
+        solver, digest, seed = (str(about[name]) for name in ("submission", "digest", "seed"))
+        given = tuple(records.from_json(json.dumps(plain)) for plain in parse_json(texts[1], "records.json"))
+    except (FileError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        return Entry(path.name, path.stem, "", "", (), (f"it is no bundle of a submission: {error}",))
+    found += _check_instances(given, solver, draw_instances(digest, seed, kinds))
+    found += check_bundle(path)
+    return Entry(path.name, solver, digest, seed, given, tuple(found))
+
+
+def _read(archive: zipfile.ZipFile, name: str) -> str:
+    if archive.getinfo(name).file_size > LARGEST:
+        raise FileError(f"{name} is too large")
+    return archive.read(name).decode()
+
+
+def _check_instances(given: tuple[RunRecord, ...], solver: str, drawn: tuple[Instance, ...]) -> list[str]:
+    """Every instance drawn must have been run at every setting, once, and no other."""
+    found = [f"{r.case}: a run of {r.solver}" for r in given if r.solver != solver]
+    for r in given:
+        if getattr(r, f"{r.control}_s" if r.control == "dt" else r.control) not in STEPS[r.control]:
+            found.append(f"{r.case}: no setting of the ladder")
+    wanted = {(i.problem, json.dumps(dict(i.parameters), sort_keys=True)) for i in drawn}
+    have = [(r.problem, json.dumps(json.loads(r.problem_parameters), sort_keys=True), r.dt_s, r.rtol) for r in given]
+    if {h[:2] for h in have} != wanted:
+        found.append("its instances are not those drawn for its digest and seed")
+    if len({str(h) for h in have}) != len(have) or len(have) != len(wanted) * len(next(iter(STEPS.values()))):
+        found.append("a run is missing, or there twice")
+    return found
+
+
+def check_bundle(path: Path) -> list[str]:
+    """Where the independent checker disagrees with a bundle; nothing where there is no checker."""
+    if not CHECKER.exists():
+        return []
+    line = (sys.executable, str(CHECKER), str(path))
+    try:
+        done = subprocess.run(line, capture_output=True, text=True, timeout=CHECK_LIMIT, check=False)
+    except subprocess.TimeoutExpired:
+        return ["the checker did not end"]
+    return [] if done.returncode == 0 else (done.stdout or done.stderr).strip().splitlines()[-5:] or ["it disagrees"]
