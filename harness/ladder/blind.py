@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from ..cache import ROOT
 from ..catalogue import registry
 from ..execution import handover, worker
 from ..execution.contract import raised_at
@@ -26,8 +27,8 @@ from ..types import EndedBy, Problem, Solver, StepControl
 from .fence import keep_in_folder
 
 OUT = "outcome.npz"
-PACKAGE = __name__.removesuffix(".harness.ladder.blind") if __name__ != "__main__" else "mbsbench"
-KNOWS_ANSWERS = (f"{PACKAGE}.problems", f"{PACKAGE}.harness.reference", f"{PACKAGE}.harness.ladder.instances")
+ANSWERS = ("problems", "harness/reference", "harness/ladder", "results", ".git")  # of the package: what knows the motion
+HIDDEN = tuple(ROOT.resolve() / name for name in ANSWERS)
 
 
 @dataclass(frozen=True)
@@ -55,11 +56,9 @@ def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepC
 def attempt(task: Task) -> None:
     """Import the plugin, ask it, solve, and write the outcome; whatever is raised becomes one."""
     made = list[Solver]()
-    keep_in_folder(task.folder)
+    keep_in_folder(task.folder, HIDDEN)
     os.chdir(task.folder)
     os.environ["TMPDIR"] = str(task.folder)
-    for name in [*(m for m in sys.modules if m.startswith(KNOWS_ANSWERS)), *KNOWS_ANSWERS]:
-        sys.modules[name] = None  # type: ignore[assignment]  # a submission cannot import it
     try:
         if task.plugin:
             registry.load_plugin(task.plugin)

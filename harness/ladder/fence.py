@@ -1,17 +1,18 @@
-"""What a submission may write to, as Linux keeps it (landlock(7)): one folder, no network by TCP."""
+"""What a submission may read and write, as Linux keeps it (landlock(7)): one folder to write to, no TCP."""
 
 import ctypes
 import os
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..sandbox.isolation import CREATE_RULESET, RESTRICT_SELF
 
 ADD_RULE, BENEATH = 445, 1  # system call, kind of rule
-WRITE, TRUNCATE, REFER = 1 << 1, 1 << 14, 1 << 13
+WRITE, READ, TRUNCATE, REFER = 1 << 1, 1 << 2, 1 << 14, 1 << 13
 REMOVE_AND_MAKE = sum(1 << k for k in range(4, 13))  # folders, files, links, pipes, sockets, devices
 TCP = 0b11  # bind and connect
-VERSIONS = ((3, TRUNCATE), (2, REFER), (1, WRITE | REMOVE_AND_MAKE))  # the first that has the right
+VERSIONS = ((3, TRUNCATE), (2, REFER), (1, READ | WRITE | REMOVE_AND_MAKE))  # the first that has the right
 
 
 class _Beneath(ctypes.Structure):
@@ -19,8 +20,11 @@ class _Beneath(ctypes.Structure):
     _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
 
 
-def keep_in_folder(folder: Path) -> bool:
-    """Let this process and all that it starts write below ``folder`` alone; False where the system cannot."""
+def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
+    """Let this process and all that it starts write below ``folder`` alone, and read no file below those ``hidden``.
+
+    False where the system cannot.
+    """
     if not sys.platform.startswith("linux"):
         return False
     system = ctypes.CDLL(None).syscall
@@ -30,11 +34,25 @@ def keep_in_folder(folder: Path) -> bool:
     rights = sum(right for since, right in VERSIONS if version >= since)
     handled = (ctypes.c_uint64 * 2)(rights, TCP if version >= 4 else 0)
     ruleset = system(CREATE_RULESET, handled, ctypes.c_size_t(ctypes.sizeof(handled)), 0)
-    for place, allowed in ((folder, rights), (Path(os.devnull), rights & (WRITE | TRUNCATE))):
-        parent = os.open(place, os.O_PATH)
+    places = [(folder, rights), (Path(os.devnull), READ | WRITE), *((p, READ) for p in _all_but(hidden, Path("/")))]
+    for place, allowed in places:
+        try:
+            parent = os.open(place, os.O_PATH)
+        except OSError:  # it has gone, or is not ours to read
+            continue
         rule = _Beneath(allowed, parent)
         system(ADD_RULE, ruleset, BENEATH, ctypes.byref(rule), 0)
         os.close(parent)
     done = system(RESTRICT_SELF, ruleset, 0) == 0
     os.close(ruleset)
     return done
+
+
+def _all_but(hidden: Sequence[Path], folder: Path) -> Iterator[Path]:
+    """The places in ``folder`` that together hold all but those ``hidden``."""
+    for place in (folder / name for name in os.listdir(folder)):
+        if any(h.is_relative_to(place) for h in hidden):
+            if place not in hidden:
+                yield from _all_but(hidden, place)
+        else:
+            yield place

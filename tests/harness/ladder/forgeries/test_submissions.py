@@ -27,12 +27,12 @@ def blind():
 def submit(tmp_path, blind):
     """The record of a forgery, and its row in the ladder."""
 
-    def run(how):
+    def run(how, repeats=1):
         file = tmp_path / "forgery.py"
         file.write_text(TEXT.format(how))
         submission = Submission(NAME, "dt", str(file), digest_of(file.read_bytes()))
         records = run_submission(
-            submission, "1", tmp_path / "run", kinds=SHORT, steps=(2e-3,), repeats=1, blind=blind
+            submission, "1", tmp_path / "run", kinds=SHORT, steps=(2e-3,), repeats=repeats, blind=blind
         )
         entry = Entry("forgery.zip", NAME, submission.digest, "1", tuple(records))
         (row,) = rank_entries([(entry, "")])
@@ -66,8 +66,8 @@ def test_what_is_not_its_own_is_out_of_reach(submit, how):
 @pytest.mark.parametrize("how", COSTS)
 def test_all_work_is_in_the_cost(submit, how):
     """Wherever it is done, and whatever the submission's clocks say."""
-    record, _ = submit(how)
-    assert record.status == "success" and record.cpu_median_s > TICKS * WORK, record
+    record, _ = submit(how, repeats=2 if "first" in how else 1)
+    assert record.status == "success" and record.cpu_min_s > TICKS * WORK, record
 
 
 def test_there_are_enough_kinds():
