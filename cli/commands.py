@@ -244,7 +244,9 @@ def _add_bundle(commands: Any) -> None:
 
 
 def _add_submit(commands: Any) -> None:
-    words = "run a solver on hidden instances and bundle the results; exit code 1 if a success is false or none is there"
+    words = (
+        "run a solver on hidden instances and bundle the results; exit code 1 if nothing is solved or a success false"
+    )
     p = subcommand(commands, "submit", words, "one object")
     p.add_argument("submission", metavar="FILE.py|ENGINE", help="file with one solver, or name of a solver")
     p.add_argument("--seed", default="1", metavar="TEXT", help="public seed of the instances (default: 1)")

@@ -5,11 +5,10 @@ from pathlib import Path
 
 from ..harness.files import parse_toml, read_text
 from ..harness.ladder.bundling import read_entry
-from ..harness.ladder.ranking import rank_entries
+from ..harness.ladder.ranking import INDEPENDENT, LABELS, rank_entries
 from .arguments import UsageError
 from .terminal import console
 
-LABELS = ("independent", "ours", "re-run by us")
 LABEL_FILE = "labels.toml"
 
 
@@ -20,7 +19,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not files:
         raise UsageError(f"{folder} holds no bundle (*.zip); write one with mbsbench submit")
     labels = _read_labels(folder / LABEL_FILE)
-    rows = rank_entries([(read_entry(file), labels.get(file.name, LABELS[0])) for file in files])
+    rows = rank_entries([(read_entry(file), labels.get(file.name, INDEPENDENT)) for file in files])
     from ..reports.ladder import write_page  # here: it takes a second to load
 
     write_page(folder / "index.html", rows)

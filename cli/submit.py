@@ -19,7 +19,8 @@ def run(arguments: argparse.Namespace) -> int:
     folder = new_folder(f"submit-{submission.name}")
     for r in run_submission(submission, arguments.seed, folder):
         if not arguments.json:
-            console().print(f"{r.status:12} {r.cpu_median_s:8.3g} s  {r.problem} {r.dt_s if r.control == 'dt' else r.rtol:g}")
+            setting = r.dt_s if r.control == "dt" else r.rtol
+            console().print(f"{r.status:12} {r.cpu_median_s:8.3g} s  {r.problem} {setting:g}")
     write_bundle(folder, out)
     (row,) = rank_entries([(read_entry(out), "")])
     if arguments.json:

@@ -27,7 +27,13 @@ from ..types import EndedBy, Problem, Solver, StepControl
 from .fence import keep_in_folder
 
 OUT = "outcome.npz"
-ANSWERS = ("problems", "harness/reference", "harness/ladder", "results", ".git")  # of the package: what knows the motion
+ANSWERS = (
+    "problems",
+    "harness/reference",
+    "harness/ladder",
+    "results",
+    ".git",
+)  # of the package: what knows the motion
 HIDDEN = tuple(ROOT.resolve() / name for name in ANSWERS)
 
 
@@ -49,8 +55,8 @@ def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepC
     """``problem`` as it is presented, without a name, a source or a parameter that tells which it is."""
     seen, steps = present_problem(problem, control)
     system = replace(seen.system, body_names=(), joint_names=())
-    hidden = {"name": "hidden", "section": "", "source": "", "parameters": {}, "frame": np.eye(3), "dt": 0.0}
-    return replace(seen, system=system, **hidden), steps
+    hidden = replace(seen, system=system, name="hidden", section="", source="", parameters={}, frame=np.eye(3), dt=0.0)
+    return hidden, steps
 
 
 def attempt(task: Task) -> None:

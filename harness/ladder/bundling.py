@@ -1,6 +1,7 @@
 """The bundle of a submission: written from its results folder, and read as hostile data."""
 
 import json
+import math
 import subprocess
 import sys
 import zipfile
@@ -13,10 +14,12 @@ from ..files import FileError, parse_json, parse_toml
 from ..results import records, store
 from ..results.environment import ROOT
 from ..results.records import RunRecord
+from ..types import Status
 from .instances import KINDS, STEPS, Instance, Kind, draw_instances
 
 CHECKER = ROOT / "checker" / "check_bundle.py"
 CHECK_LIMIT = 60.0  # [s] of wall time for the checker
+CONTROL = {"dt": "dt_s", "rtol": "rtol"}  # columns of records
 LARGEST = 2**26  # [bytes] of the suite and of all records together
 
 
@@ -50,6 +53,7 @@ def read_entry(path: Path, kinds: tuple[Kind, ...] = KINDS) -> Entry:
         given = tuple(records.from_json(json.dumps(plain)) for plain in parse_json(texts[1], "records.json"))
     except (FileError, KeyError, TypeError, zipfile.BadZipFile) as error:
         return Entry(path.name, path.stem, "", "", (), (f"it is no bundle of a submission: {error}",))
+    found += [f"{r.case}: {words}" for r in given if (words := _check_numbers(r))]
     found += _check_instances(given, solver, draw_instances(digest, seed, kinds))
     found += check_bundle(path)
     return Entry(path.name, solver, digest, seed, given, tuple(found))
@@ -61,12 +65,22 @@ def _read(archive: zipfile.ZipFile, name: str) -> str:
     return archive.read(name).decode()
 
 
+def _check_numbers(r: RunRecord) -> str:
+    """What no run can have; empty for others."""
+    if r.status not in set(Status):
+        return f"no status {r.status!r}"
+    if r.control not in STEPS or getattr(r, CONTROL[r.control]) not in STEPS[r.control]:
+        return "no setting of the ladder"
+    if r.status == Status.SUCCESS and not (
+        0.0 <= r.motion_error_max_m < math.inf and 0.0 < r.length_scale_m < math.inf
+    ):
+        return "a success without an error"
+    return "" if 0.0 < r.cpu_median_s < math.inf or r.status != Status.SUCCESS else "a success without a CPU time"
+
+
 def _check_instances(given: tuple[RunRecord, ...], solver: str, drawn: tuple[Instance, ...]) -> list[str]:
     """Every instance drawn must have been run at every setting, once, and no other."""
     found = [f"{r.case}: a run of {r.solver}" for r in given if r.solver != solver]
-    for r in given:
-        if getattr(r, f"{r.control}_s" if r.control == "dt" else r.control) not in STEPS[r.control]:
-            found.append(f"{r.case}: no setting of the ladder")
     wanted = {(i.problem, json.dumps(dict(i.parameters), sort_keys=True)) for i in drawn}
     have = [(r.problem, json.dumps(json.loads(r.problem_parameters), sort_keys=True), r.dt_s, r.rtol) for r in given]
     if {h[:2] for h in have} != wanted:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,8 @@ TARGET = 1e-3  # of the length of a motion: the error that is to be met
 FALSE = -1  # points of an instance with a false success; one that is solved has 1, one without an answer 0
 DRAWS, SPREAD, SEED = 1000, 0.9, 1  # of the bootstrap over instances: how many, which share lies within, random seed
 LIES = (Status.WRONG, Status.INACCURATE)
+INDEPENDENT, OURS, RE_RUN = LABELS = ("independent", "ours", "re-run by us")
+MOTION, COST = 0.01, 0.5  # relative difference of errors, and least share of our CPU time, that a re-run allows
 
 
 @dataclass(frozen=True)
@@ -42,15 +44,44 @@ class Row:
     frontier: tuple[tuple[float, Interval], ...]  # error, cost [s] of each setting, of instances that all succeed
     forged: tuple[str, ...] = ()
     rank: int = 0
-    leads: bool = False  # no other entry meets an error as small for surely less
+    leads: bool = False  # run by us, and no other entry meets an error as small for surely less
 
 
 def rank_entries(entries: Sequence[tuple[Entry, str]]) -> list[Row]:
     """Rows of entries with their labels, the best first; those with a forgery last and without a rank."""
-    rows = [_row(entry, label) for entry, label in entries]
+    known = {(e.digest, e.seed): e for e, label in entries if label == RE_RUN and not e.forged}
+    rows = [
+        _row(entry if label == RE_RUN else replace(entry, forged=entry.forged + _differences(entry, known)), label)
+        for entry, label in entries
+    ]
     sound = sorted((r for r in rows if not r.forged), key=lambda r: (-r.points, _or_last(r.cost.value), r.file))
-    ranked = [replace(r, rank=k + 1, leads=_leads(r, sound)) for k, r in enumerate(sound)]
+    ranked = [replace(r, rank=k + 1, leads=r.label != INDEPENDENT and _leads(r, sound)) for k, r in enumerate(sound)]
     return ranked + sorted((r for r in rows if r.forged), key=lambda r: r.file)
+
+
+def _differences(entry: Entry, known: Mapping[tuple[str, str], Entry]) -> tuple[str, ...]:
+    """Where an entry differs from our own re-run of it, if there is one."""
+    ours = known.get((entry.digest, entry.seed))
+    if ours is None:
+        return ()
+    found, stated = list[str](), {_setting(r): r for r in entry.records}
+    for own in ours.records:
+        r = stated.get(_setting(own))
+        if r is None or r.status != own.status:
+            found.append(f"{own.case}: {own.status} when run again")
+        elif abs(r.motion_error_max_m - own.motion_error_max_m) > MOTION * own.motion_error_max_m:
+            found.append(f"{own.case}: an error of {own.motion_error_max_m:.3g} m when run again")
+        elif r.cpu_median_s < COST * own.cpu_median_s:
+            found.append(f"{own.case}: {own.cpu_median_s:.2g} s of CPU when run again")
+    return tuple(found)
+
+
+def _setting(r: RunRecord) -> str:
+    return str((_instance(r), r.dt_s, r.rtol))
+
+
+def _instance(r: RunRecord) -> str:
+    return f"{r.problem} {json.dumps(json.loads(r.problem_parameters), sort_keys=True)}"
 
 
 def _row(entry: Entry, label: str) -> Row:
@@ -59,7 +90,7 @@ def _row(entry: Entry, label: str) -> Row:
         return Row(entry.file, entry.solver, label, 0, 0, 0, 0, nothing, (), entry.forged)
     instances = dict[str, list[RunRecord]]()
     for r in entry.records:
-        instances.setdefault(f"{r.problem} {json.dumps(json.loads(r.problem_parameters), sort_keys=True)}", []).append(r)
+        instances.setdefault(_instance(r), []).append(r)
     false = sum(any(r.status in LIES for r in runs) for runs in instances.values())
     honest = [runs for runs in instances.values() if not any(r.status in LIES for r in runs)]
     cheapest = [min(met) for runs in honest if (met := [r.cpu_median_s for r in runs if error_of(r) <= TARGET])]

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -143,7 +144,8 @@ def _describe(submission: Submission, seed: str) -> str:
 
 
 def _job(submission: Submission, instance: Instance, value: float, folder: Path) -> Job:
-    control = StepControl(**{submission.control: value})
+    given: dict[str, Any] = {submission.control: value}
+    control = StepControl(**given)
     spec = RunSpec(instance.problem, submission.name, control, instance.parameters, cpu_limit=CPU_LIMIT, memory=MEMORY)
     return Job(spec, folder, "ladder", submission.digest, environment.commit(), lossless=True)
 
@@ -185,7 +187,12 @@ def _measure(run: _Run) -> RunRecord:
     problem = _problem(job)
     trim(job.stderr)
     cpu = repeated_cost([e.cpu for e in run.ended])  # later ones may have been prepared by the first
-    cost = {"cpu_min_s": min(cpu), "cpu_median_s": float(np.median(cpu)), "cpu_max_s": max(cpu), "repeats": len(cpu)}
+    cost: dict[str, Any] = {
+        "cpu_min_s": min(cpu),
+        "cpu_median_s": float(np.median(cpu)),
+        "cpu_max_s": max(cpu),
+        "repeats": len(cpu),
+    }
     bare = replace(unfinished(job, ended, math.nan, EndedBy.WALL_LIMIT, SLACK * CPU_LIMIT), **cost)
     outcome = Outcome(replace(bare, section=problem.section, t_end_s=problem.t_end), problem)
     try:

@@ -369,8 +369,9 @@ def make(how: str, module: str) -> type:
                 AWAY.touch()
         return ALL[how](self, p, control)  # type: ignore[return-value]
 
+    kinds = {"paper_label": ClassVar[str], "control": ClassVar[str]}
     own: dict[str, Any] = {
-        "__module__": module, "__doc__": "Forges.", "__annotations__": {"paper_label": ClassVar[str], "control": ClassVar[str]},
-        "paper_label": "", "control": "dt", "refuses": refuses, "solve": solve,
+        "__module__": module, "__doc__": "Forges.", "__annotations__": kinds, "paper_label": "", "control": "dt",
+        "refuses": refuses, "solve": solve,
     }  # fmt: skip
     return solver(NAME)(dataclass(frozen=True)(type("Forger", (), own)))

@@ -1,4 +1,4 @@
-"""An honest solver of one body on a spherical joint, and ways to falsify its motion. Each takes and gives a trajectory."""
+"""An honest solver of one body on a spherical joint, and ways to falsify its motion."""
 
 import dataclasses
 from collections.abc import Callable
@@ -19,7 +19,7 @@ def swing(
     s = p.system
     arm, joint = s.joint_s_i[0], s.joint_s_j[0]  # from C to the joint, in the body; the joint, in space
     m, J = s.mass[0], inertia * (s.inertia[0] + s.mass[0] * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
-    n = max(int(round(p.t_end / control.dt)), 1)
+    n = max(round(p.t_end / control.dt), 1)
     h = p.t_end / n
 
     def rate(R: np.ndarray, w: np.ndarray) -> np.ndarray:
@@ -114,7 +114,9 @@ def with_energy(found: Trajectory, p: Problem) -> Trajectory:
     """A motion with too little gravity, its velocities rescaled so that the energy is constant."""
     bad = swing(p, StepControl(dt=float(found.t[1])), gravity=0.7)
     s, sys = bad.states, p.system
-    T = 0.5 * sys.mass[0] * np.sum(s.v[:, 0] ** 2, -1) + 0.5 * np.einsum("ti,ij,tj->t", s.Omega[:, 0], sys.inertia[0], s.Omega[:, 0])
+    T = 0.5 * sys.mass[0] * np.sum(s.v[:, 0] ** 2, -1) + 0.5 * np.einsum(
+        "ti,ij,tj->t", s.Omega[:, 0], sys.inertia[0], s.Omega[:, 0]
+    )
     V = -sys.mass[0] * s.r[:, 0] @ sys.gravity
     factor = np.sqrt(np.maximum(T[0] + V[0] - V, 1e-12) / T)[:, None, None]
     return states(bad, v=s.v * factor, Omega=s.Omega * factor)
@@ -133,7 +135,9 @@ MOTIONS: dict[str, Change] = {
     "two rows that are the start": lambda f, p: dataclasses.replace(still(rows(f, [0, -1]), p), t=f.t[[0, -1]]),
     "velocities reversed": lambda f, p: states(f, v=-f.states.v, Omega=-f.states.Omega),
     "velocities reversed after the start": lambda f, p: states(
-        f, v=np.concatenate([f.states.v[:1], -f.states.v[1:]]), Omega=np.concatenate([f.states.Omega[:1], -f.states.Omega[1:]])
+        f,
+        v=np.concatenate([f.states.v[:1], -f.states.v[1:]]),
+        Omega=np.concatenate([f.states.Omega[:1], -f.states.Omega[1:]]),
     ),
     "rotations frozen": lambda f, p: states(f, R=np.repeat(f.states.R[:1], len(f.t), axis=0)),
     "positions frozen": lambda f, p: states(f, r=np.repeat(f.states.r[:1], len(f.t), axis=0)),
@@ -163,7 +167,9 @@ MOTIONS: dict[str, Change] = {
     "a slower clock": lambda f, p: rows(f, (np.arange(len(f.t)) * 0.8).astype(int), f.t),
     "the motion of the public numbers": stored,
     "half of the motion": cut,
-    "half of the motion, stretched": lambda f, p: dataclasses.replace(cut(f, p), t=np.linspace(0.0, p.t_end, len(f.t) // 2)),
+    "half of the motion, stretched": lambda f, p: dataclasses.replace(
+        cut(f, p), t=np.linspace(0.0, p.t_end, len(f.t) // 2)
+    ),
     "past the end": lambda f, p: dataclasses.replace(f, t=1.5 * f.t),
     "a row of NaN": lambda f, p: states(f, r=poisoned(f.states.r, np.nan)),
     "a row of infinity": lambda f, p: states(f, v=poisoned(f.states.v, np.inf)),
@@ -177,7 +183,9 @@ MOTIONS: dict[str, Change] = {
     "reactions without measure": lambda f, p: dataclasses.replace(f, reaction=1e12 + 0.0 * f.reaction),
     "a status of its own": lambda f, p: dataclasses.replace(f, status="success!"),
     "no trajectory": lambda f, p: {"status": "success"},
-    "another number of bodies": lambda f, p: states(f, **{k: np.repeat(getattr(f.states, k), 2, axis=1) for k in ("r", "R", "v", "Omega")}),
+    "another number of bodies": lambda f, p: states(
+        f, **{k: np.repeat(getattr(f.states, k), 2, axis=1) for k in ("r", "R", "v", "Omega")}
+    ),
     "counters below zero to 400 digits": lambda f, p: dataclasses.replace(f, counters={"steps": -(10**400)}),
     "a time below zero": lambda f, p: dataclasses.replace(f, cpu_time=-5.0),
     "a time of 31 years": lambda f, p: dataclasses.replace(f, cpu_time=1e9),

@@ -7,12 +7,10 @@ from mbsbench.harness.ladder.instances import Kind, digest_of
 from mbsbench.harness.ladder.ranking import rank_entries
 from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
 
-from .forger import COSTS, CONDUCT, FALSE, NAME, WORK
+from .forger import CONDUCT, COSTS, FALSE, NAME, WORK
 
 TEXT = "from mbsbench.tests.harness.ladder.forgeries.forger import make\n\nForger = make({!r}, __name__)\n"
-SHORT = (
-    Kind("spherical_pendulum", {"mass": 1.0, "half_length": 0.5, "omega_x": 5.0, "omega_z": 3.0}, {"t_end": 0.5}),
-)
+SHORT = (Kind("spherical_pendulum", {"mass": 1.0, "half_length": 0.5, "omega_x": 5.0, "omega_z": 3.0}, {"t_end": 0.5}),)
 TICKS = 0.9  # of the work: other processes are accounted in ticks of 10 ms
 
 
