@@ -8,7 +8,11 @@ from ..harness.ladder.bundling import read_entry, write_bundle
 from ..harness.ladder.ranking import rank_entries
 from ..harness.ladder.submission import read_submission, run_submission
 from .arguments import check_writable
-from .terminal import console, print_json
+from .terminal import console, error_console, print_json
+
+UNFENCED = (
+    "warning: this system cannot keep a submission from files and other processes; run what you do not trust elsewhere"
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -16,6 +20,8 @@ def run(arguments: argparse.Namespace) -> int:
     submission = read_submission(arguments.submission)
     out = Path(arguments.out or f"{submission.name}.zip")
     check_writable(out)
+    if not submission.fenced:
+        error_console().print(UNFENCED)
     folder = new_folder(f"submit-{submission.name}")
     for r in run_submission(submission, arguments.seed, folder):
         if not arguments.json:

@@ -51,6 +51,13 @@ class Task:
     memory: float  # [MB]
 
 
+def shut_in(folder: Path) -> bool:
+    """Before any code of a submission runs: let it work in ``folder`` and find no answers. False where it still can."""
+    os.chdir(folder)
+    os.environ["TMPDIR"] = str(folder)
+    return keep_in_folder(folder, HIDDEN)
+
+
 def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
     """``problem`` as it is presented, without a name, a source or a parameter that tells which it is."""
     seen, steps = present_problem(problem, control)
@@ -59,12 +66,19 @@ def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepC
     return hidden, steps
 
 
+class Watched(Apart):
+    """A process whose tree is counted at each look: children that nobody waits for leave no other trace."""
+
+    def look(self) -> Ended | None:
+        """None while it runs."""
+        self._next = 0.0
+        return super().look()
+
+
 def attempt(task: Task) -> None:
     """Import the plugin, ask it, solve, and write the outcome; whatever is raised becomes one."""
     made = list[Solver]()
-    keep_in_folder(task.folder, HIDDEN)
-    os.chdir(task.folder)
-    os.environ["TMPDIR"] = str(task.folder)
+    shut_in(task.folder)
     try:
         if task.plugin:
             registry.load_plugin(task.plugin)
@@ -78,16 +92,18 @@ def attempt(task: Task) -> None:
     handover.write(task.folder / OUT, handed)
 
 
+def _run(task: Task) -> Ended:
+    return Watched(lambda send: attempt(task), limit=task.limit, memory=task.memory, stderr=task.stderr).wait()
+
+
 def serve() -> None:
     """Run the tasks whose files are named on standard input."""
     shut_out()
     answers = os.dup(1)
     os.dup2(2, 1)
     for line in sys.stdin:
-        task: Task = pickle.loads(Path(line.strip()).read_bytes())
+        ended = _run(pickle.loads(Path(line.strip()).read_bytes()))
         Path(line.strip()).unlink()
-        process = Apart(lambda send, task=task: attempt(task), limit=task.limit, memory=task.memory, stderr=task.stderr)  # type: ignore[misc]
-        ended: Ended = process.wait()
         os.write(answers, msgspec.json.encode(asdict(replace(ended, sent=""))) + b"\n")
 
 

@@ -12,6 +12,8 @@ ADD_RULE, BENEATH = 445, 1  # system call, kind of rule
 WRITE, READ, TRUNCATE, REFER = 1 << 1, 1 << 2, 1 << 14, 1 << 13
 REMOVE_AND_MAKE = sum(1 << k for k in range(4, 13))  # folders, files, links, pipes, sockets, devices
 TCP = 0b11  # bind and connect
+NEW_USERS_AND_IPC = 0x10000000 | 0x08000000  # namespaces(7): keyrings, shared memory and queues of System V
+SIGNALS = 6  # the first version that keeps them in (``sandbox.isolation``)
 VERSIONS = ((3, TRUNCATE), (2, REFER), (1, READ | WRITE | REMOVE_AND_MAKE))  # the first that has the right
 
 
@@ -23,11 +25,12 @@ class _Beneath(ctypes.Structure):
 def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     """Let this process and all that it starts write below ``folder`` alone, and read no file below those ``hidden``.
 
-    False where the system cannot.
+    Returns whether the system does so, and keeps it from signals and memory of others (Linux 6.12 and later).
     """
     if not sys.platform.startswith("linux"):
         return False
     system = ctypes.CDLL(None).syscall
+    apart = _leave_memory_behind()
     version = system(CREATE_RULESET, None, ctypes.c_size_t(0), 1)
     if version < 1:
         return False
@@ -45,6 +48,16 @@ def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
         os.close(parent)
     done = system(RESTRICT_SELF, ruleset, 0) == 0
     os.close(ruleset)
+    return done and apart and version >= SIGNALS
+
+
+def _leave_memory_behind() -> bool:
+    """Share no memory of the system with processes before or after this one; False where it does not let us."""
+    user, group = os.getuid(), os.getgid()
+    done = bool(ctypes.CDLL(None).unshare(NEW_USERS_AND_IPC) == 0)
+    if done:
+        for name, line in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
+            Path(f"/proc/self/{name}").write_text(line, encoding="ascii")
     return done
 
 

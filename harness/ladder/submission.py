@@ -8,7 +8,7 @@ import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ from ..sandbox.apart import SLACK, Apart, Ended
 from ..sandbox.isolation import trim
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Problem, StepControl
-from .blind import OUT, Task, hide_problem
+from .blind import OUT, Task, hide_problem, shut_in
 from .instances import KINDS, STEPS, Instance, Kind, digest_of, draw_instances
 
 CPU_LIMIT = 20.0  # [s] of a run, import included
@@ -52,6 +52,7 @@ class Submission:
     control: str  # dt or rtol
     plugin: str  # a file; empty for a solver of the catalogue
     digest: str
+    fenced: bool = True  # whether this system keeps it from files, answers and other processes
 
 
 class Refused(ValueError):
@@ -68,18 +69,21 @@ def read_submission(given: str) -> Submission:
         raise Refused(f"{given} is no file and no solver of the catalogue")
     known = set(registry.solvers())
 
-    def look(send: Callable[[str], None]) -> None:
+    def look(send: Send) -> None:
+        fenced = shut_in(Path(place))
         registry.load_plugin(file)
-        send(json.dumps([[name, registry.solvers()[name].control] for name in registry.solvers() if name not in known]))
+        found = [name for name in registry.solvers() if name not in known]
+        send(json.dumps([[name, registry.solvers()[name].control, fenced] for name in found]))
 
-    ended = Apart(look, limit=CPU_LIMIT, memory=MEMORY).wait()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        ended = Apart(look, limit=CPU_LIMIT, memory=MEMORY).wait()
     try:
-        ((name, control),) = json.loads(ended.sent)
+        ((name, control, fenced),) = json.loads(ended.sent)
         if name in known or control not in STEPS or not str(name).isidentifier():
             raise ValueError
     except ValueError:
         raise Refused(f"{given} must be a file that marks one solver and can be imported ({ended.words})") from None
-    return Submission(name, control, str(file), digest_of(file.read_bytes()))
+    return Submission(name, control, str(file), digest_of(file.read_bytes()), bool(fenced))
 
 
 class Blind:

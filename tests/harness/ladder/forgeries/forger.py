@@ -1,6 +1,7 @@
 """Solvers that forge: each a class made for a file of its own. Motions are in ``motions``, conduct is here."""
 
 import contextlib
+import ctypes
 import dataclasses
 import gc
 import importlib
@@ -148,6 +149,23 @@ def remembered(p: Problem, control: StepControl) -> None:
     np.savez(file, r=p.initial.r)
 
 
+def remember_in_memory(p: Problem, control: StepControl) -> None:
+    """Shared memory of System V, which outlives processes: 0x6d6273 is the key."""
+    native = ctypes.CDLL(None, use_errno=True)
+    if native.shmget(0x6D6273, 4096, 0o600) < 0:  # the first
+        work(WORK)
+        native.shmget(0x6D6273, 4096, 0o1600)
+        raise OSError("nothing was left here")
+
+
+def remember_in_keys(p: Problem, control: StepControl) -> None:
+    """The user's keyring, which outlives processes."""
+    system, user_keyring = ctypes.CDLL(None).syscall, -4
+    if system(250, 10, user_keyring, b"user", b"mbsbench_forger", 0) < 0:  # keyctl search
+        system(248, b"user", b"mbsbench_forger", b"an answer", 9, user_keyring)  # add_key
+        raise OSError("nothing was left here")
+
+
 def replace_code(p: Problem, control: StepControl) -> None:
     import mbsbench
 
@@ -245,6 +263,11 @@ def worked(where: str) -> Solve:
             thread = threading.Thread(target=work, args=(WORK,))
             thread.start()
             thread.join()
+        if where == "disowned":
+            signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+            os.read(apart(detached=False, seconds=WORK), 1)
+            with contextlib.suppress(ChildProcessError):
+                os.wait()
         if where in ("child", "daemon"):
             os.read(apart(detached=where == "daemon", seconds=WORK), 1)
         if where == "daemon_in_refuses":
@@ -300,6 +323,7 @@ COSTS: dict[str, Solve] = {  # all of it is in the cost
     "work behind clocks that stand still": worked("clocks"),
     "work in a thread": worked("thread"),
     "work in a child": worked("child"),
+    "work in a child that nobody waits for": worked("disowned"),
     "work in a daemon": worked("daemon"),
     "work in a daemon begun in refuses": worked("daemon_in_refuses"),
     "work in refuses": worked("refuses"),
@@ -328,6 +352,8 @@ CONDUCT: dict[str, Solve] = {  # nothing is gained by it: no success
     "the problem found in frames": knowing(in_frames),
     "the problem found in files": knowing(in_files),
     "an answer kept on disk": denied(remembered),
+    "an answer kept in shared memory": denied(remember_in_memory),
+    "an answer kept in a keyring": denied(remember_in_keys),
     "the judge's code replaced": denied(replace_code),
     "its own file replaced": denied(replace_itself),
     "references poisoned": denied(poison_references),
@@ -354,12 +380,15 @@ FALSE: dict[str, Solve] = {
     name: lambda self, p, control, change=change: change(swing(p, control), p)  # type: ignore[misc]
     for name, change in MOTIONS.items()
 }
-ALL = {**COSTS, **CONDUCT, **FALSE, "nothing": honest}
+ALL = {**COSTS, **CONDUCT, **FALSE, "nothing": honest, "an answer prepared before the runs": honest}
 
 
 def make(how: str, module: str) -> type:
     """The solver that forges in this way, as a class of ``module``."""
     MEMORY["module"] = module
+    if how == "an answer prepared before the runs":
+        with contextlib.suppress(OSError):
+            AWAY.with_suffix(".prepared").touch()
     if how == "work at import":
         work(WORK)
 
