@@ -18,11 +18,11 @@ def run(arguments: argparse.Namespace) -> int:
     if not records:
         raise UsageError(f"{folder} holds no results")
     check_writable(out)
-    digests = write_archive(out, list_contents(folder, records, lossless=arguments.lossless))
+    files = write_archive(out, list_contents(folder, records, lossless=arguments.lossless))
     size = out.stat().st_size
     if arguments.json:
         print_json({"file": str(out), "runs": len(records), "bytes": size, "left_out": len(loaded.unreadable)})
     else:
-        console().print(f"{out}: {plural(len(records), 'run')}, {plural(len(digests), 'file')}, {size / 1e6:.2f} MB")
+        console().print(f"{out}: {plural(len(records), 'run')}, {plural(files, 'file')}, {size / 1e6:.2f} MB")
         print_unreadable(loaded.unreadable, console())
     return 1 if loaded.unreadable else 0

@@ -21,9 +21,12 @@ from .selection import STATE, select_states
 
 FORMAT, VERSION = "mbsbench bundle", 1
 RUN_ID = re.compile(r"[0-9a-f]{8,64}")
-TEXT = re.compile(r"suite\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
+TEXT = re.compile(r"[a-z0-9_-]+\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
 LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
+SERIES = ("t", "energy_error")  # rows that thinned bundles hold: no state tells the work done
 DRAWN = ("frame_", "exact_", "state_", "sample_", "end_", "start_", "joint_", "system_")  # no rows along t
+SORT = "system_joint_sort"
+NUMBERS = ("gravity", "joint_i", "system_mass", "system_user_i", SORT, *(f"start_{name}" for name in STATE))
 Array = np.ndarray[Any, Any]
 
 
@@ -65,6 +68,7 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
         run: dict[str, Any] = {"run_id": record.run_id, "problem": "", "states": "none", "peaks_s": {}, "arrays": {}}
         series = store.series_of(folder, record)
         if series is not None and "state_t" in series:
+            _check_arrays(record, series)
             problem = _describe_problem(record, series)
             run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
             arrays, every = _arrays_of_run(series, exact_of.setdefault(name, _Exact(problem)), lossless=lossless)
@@ -83,24 +87,34 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
         yield f"problems/{name}.json", _json({**known.about, "reference_arrays": index})
 
 
+def _check_arrays(record: RunRecord, series: Series) -> None:
+    """StoreError unless states and exact states are there as they should be, and all numbers of the problem."""
+    nb = len(series["system_mass"]) if "system_mass" in series else -1
+    shape = {"t": (), "r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3), "error": ()}
+    whole = all(name in series for name in NUMBERS) and bool(np.all(np.isin(series[SORT], np.arange(len(KINDS)))))
+    for kind, names in (("state", tuple(shape)[:-1]), ("sample", tuple(shape))):
+        if f"{kind}_t" in series:
+            found = (series.arrays.get(f"{kind}_{name}", np.zeros((0, 0))) for name in names)
+            whole &= all(a.shape[1:] == shape[n] and a.dtype == float for n, a in zip(names, found, strict=True))
+    if not whole or any(not np.all(np.isfinite(series[name])) for name in NUMBERS):
+        raise store.StoreError(f"the series of run {record.run_id} are not whole: run it again")
+
+
 def _arrays_of_run(series: Series, known: _Exact, *, lossless: bool) -> tuple[dict[str, Array], bool]:
     """Its states and rows, and whether these are all steps; the exact states beside them go to ``known``."""
     t = series["state_t"]
-    chosen = np.ones(len(t), dtype=bool) if lossless else select_states(series)
+    chosen, exact_ones = select_states(series)
+    chosen |= lossless
+    exact_ones |= lossless
     arrays = {f"state_{name}": series[f"state_{name}"][chosen] for name in ("t", *STATE)}
-    rows = np.ones(len(series["t"]), dtype=bool) if lossless else np.isin(series["t"], t[chosen])
+    rows = np.isin(series["t"], t[chosen]) | lossless
     for name, a in series.arrays.items():
         if not name.startswith(DRAWN) and a.ndim == 1 and len(a) == len(rows) and (lossless or name in SERIES):
             arrays[name] = a[rows]
     if lossless and "state_reaction" in series:
         arrays["state_reaction"] = series["state_reaction"]
-    if "sample_t" in series:
-        wanted = np.isin(series["sample_t"], t[chosen])
-        known.add(series, wanted | lossless)
+    known.add(series, exact_ones)
     return arrays, bool(np.all(chosen)) and len(t) == len(series["t"])
-
-
-SERIES = ("t", "energy_error")  # rows that thinned bundles hold: no state tells the work done
 
 
 def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
@@ -134,7 +148,7 @@ def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
 
 
 def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """The suite and the environments of a results folder."""
+    """The suite of a results folder with those it includes, and its environments."""
     here = Place(folder)
     for name in filter(TEXT.fullmatch, here.names()):
         text = read_text(here / name, name)

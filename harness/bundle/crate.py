@@ -11,7 +11,7 @@ LICENSE = "https://spdx.org/licenses/MIT"
 SOFTWARE = "#mbsbench"
 TYPES = {".json": "application/json", ".npy": "application/octet-stream", ".toml": "application/toml"}
 MEANING = {
-    "bundle.json": "format and version of this bundle", "records.json": "one record a run", "suite.toml": "the suite",
+    "bundle.json": "format and version of this bundle", "records.json": "one record a run",
     "runs.json": "problem and arrays of each run", "environment": "packages and machine of runs",
     "runs/": "states of a run", "problems/": "every number of a problem", "references/": "exact states of a problem",
 }  # fmt: skip
@@ -52,4 +52,4 @@ def describe_crate(
 
 
 def _meaning(name: str) -> str:
-    return next(words for start, words in MEANING.items() if name.startswith(start))
+    return next((words for start, words in MEANING.items() if name.startswith(start)), "a suite")

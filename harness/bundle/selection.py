@@ -1,29 +1,45 @@
 """Which states of a run a bundle holds: all, or those of the maxima that decide on its status, as far as they fit."""
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from ..results.series import Series
 
-ROOM = 6_000  # [bytes] of states for a run, as numbers; a run of which not one fits has none
+ROOM = 14_000  # [bytes] of the states of a run, numbers that are zero left out; a run of which not one fits has none
+SCALES = 64_000  # [bytes] of the exact states that set scales, once a problem
+ERRORS = (
+    "motion_error_judged_m", "rate_error_judged_m_per_s", "position_error_judged_m", "orientation_error_judged_rad",
+)  # fmt: skip
 DECIDING = (  # columns by whose maxima a run is judged, and beside them those that tables show
-    "motion_error_judged_m", "energy_share_max", "gap_share_max", "gap_rate_share_max", "rate_error_judged_m_per_s",
-    "orthogonality_max", "position_error_judged_m", "orientation_error_judged_rad", "energy_drift_max_J", "phi_max",
-    "phi_dot_max",
+    ERRORS[0], "energy_share_max", "gap_share_max", "gap_rate_share_max", ERRORS[1], "orthogonality_max", *ERRORS[2:],
+    "energy_drift_max_J", "phi_max", "phi_dot_max",
 )  # fmt: skip
 STATE = ("r", "R", "v", "Omega")
 
 
-def select_states(series: Series, room: int = ROOM) -> Bool[np.ndarray, " ns"]:
-    """The states of the run that fit into ``room`` bytes, the first and the last before the others."""
-    t = series["state_t"]
-    known = np.isin(t, series["sample_t"]) if "sample_t" in series else np.zeros(len(t), dtype=bool)
-    body = series["state_r"].shape[1] * 18 * 8
-    chosen = np.zeros(len(t), dtype=bool)
-    for at in (*(series.peaks[name] for name in DECIDING if name in series.peaks), t[0], t[-1]):
-        k = int(np.searchsorted(t, at))
-        cost = 0 if k == len(t) or chosen[k] else body * (1 + known[k])
-        if k < len(t) and cost <= room:
-            chosen[k] = True
+def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndarray, " nk"]]:
+    """The states of the run that fit, of the maxima in order, then the first and the last; the exact ones beside them.
+
+    An error takes both states. The exact states that set scales are there too, if they fit.
+    """
+    t, sizes, room = series["state_t"], _sizes(series, "state"), ROOM
+    exact_t, exact_sizes = (
+        (series["sample_t"], _sizes(series, "sample")) if "sample_t" in series else (t[:0], sizes[:0])
+    )
+    scales = np.isin(exact_t, [at for name, at in series.peaks.items() if name.startswith("scale ")])
+    chosen, exact = np.zeros(len(t), dtype=bool), scales & (np.sum(exact_sizes[scales]) <= SCALES)
+    for name, at in (*((name, series.peaks[name]) for name in DECIDING if name in series.peaks),
+                     *(("end", at) for at in (*t[:1], *t[-1:]))):  # fmt: skip
+        here, there = (t == at) & ~chosen, (exact_t == at) & ~exact & (name in ERRORS)
+        cost = np.sum(sizes[here]) + np.sum(exact_sizes[there])
+        if cost <= room:
+            chosen |= here
+            exact |= there
             room -= cost
-    return chosen
+    return chosen, exact
+
+
+def _sizes(series: Series, kind: str) -> Int[np.ndarray, " n"]:
+    """[bytes] of each state, of the numbers that are not zero."""
+    found = (np.count_nonzero(series[f"{kind}_{name}"].reshape(len(series[f"{kind}_t"]), -1), axis=1) for name in STATE)
+    return 8 * np.sum(list(found), axis=0)
