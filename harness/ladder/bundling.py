@@ -1,5 +1,6 @@
 """The bundle of a submission: written from its results folder, and read as hostile data."""
 
+import hashlib
 import json
 import math
 import subprocess
@@ -8,7 +9,7 @@ import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..bundle.archive import check_archive, write_archive
+from ..bundle.archive import MANIFEST, write_archive
 from ..bundle.contents import list_contents
 from ..files import FileError, parse_json, parse_toml
 from ..results import records, store
@@ -20,6 +21,7 @@ from .instances import KINDS, STEPS, Instance, Kind, draw_instances
 CHECKER = ROOT / "checker" / "check_bundle.py"
 CHECK_LIMIT = 60.0  # [s] of wall time for the checker
 CONTROL = {"dt": "dt_s", "rtol": "rtol"}  # columns of records
+LARGEST_BUNDLE = 2**30  # [bytes] of all its files
 LARGEST = 2**26  # [bytes] of the suite and of all records together
 
 
@@ -42,7 +44,7 @@ def write_bundle(folder: Path, path: Path) -> None:
 
 def read_entry(path: Path, kinds: tuple[Kind, ...] = KINDS) -> Entry:
     """What a bundle says, and where it cannot be believed: its manifest, its instances, its numbers."""
-    found = list(check_archive(path))
+    found = _check_manifest(path)
     if found:
         return Entry(path.name, path.stem, "", "", (), tuple(found))
     try:
@@ -57,6 +59,21 @@ def read_entry(path: Path, kinds: tuple[Kind, ...] = KINDS) -> Entry:
     found += _check_instances(given, solver, draw_instances(digest, seed, kinds))
     found += check_bundle(path)
     return Entry(path.name, solver, digest, seed, given, tuple(found))
+
+
+def _check_manifest(path: Path) -> list[str]:
+    """Where a bundle differs from its manifest, a line each."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            sizes = {m.filename: m.file_size for m in archive.infolist()}
+            if len(sizes) != len(archive.infolist()) or MANIFEST not in sizes or sum(sizes.values()) > LARGEST_BUNDLE:
+                return [f"a name twice, no {MANIFEST}, or more than {LARGEST_BUNDLE} bytes"]
+            lines = archive.read(MANIFEST).decode().splitlines()
+            stated = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+            found = {name: hashlib.sha256(archive.read(name)).hexdigest() for name in sizes if name != MANIFEST}
+    except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile) as error:
+        return [f"not a whole zip file: {error}"]
+    return [f"{name} is not as its manifest says" for name in sorted(dict(found.items() ^ stated.items()))]
 
 
 def _read(archive: zipfile.ZipFile, name: str) -> str:

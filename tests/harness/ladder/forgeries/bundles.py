@@ -26,15 +26,34 @@ def members_of(path: Path) -> Members:
 
 def write_edited(path: Path, members: Members) -> None:
     """A bundle of these files, with new digests everywhere."""
-    own = {name: content for name, content in members.items() if name not in (MANIFEST, METADATA)}
+    own = renamed({name: content for name, content in members.items() if name not in (MANIFEST, METADATA)})
     if METADATA in members:
         crate = json.loads(members[METADATA])
         for entity in crate["@graph"]:
+            if entity["@id"] not in own and str(entity["@id"]).startswith(("problems/", "references/")):
+                folder, _, old = entity["@id"].partition("/")
+                entity["@id"] = next((n for n in own if n.startswith(f"{folder}/") and n not in members), entity["@id"])
             if entity["@id"] in own:
                 entity["sha256"] = hashlib.sha256(own[entity["@id"]]).hexdigest()
                 entity["contentSize"] = str(len(own[entity["@id"]]))
         own[METADATA] = json.dumps(crate, sort_keys=True, separators=(",", ":")).encode()
     write_archive(path, own.items())
+
+
+def renamed(members: Members) -> Members:
+    """Problems and what refers to them, under the digests of their content."""
+    out = dict(members)
+    for name in [n for n in members if n.startswith("problems/")]:
+        plain = json.loads(members[name])
+        plain.pop("reference_arrays", None)
+        old = name.removeprefix("problems/").removesuffix(".json")
+        text = json.dumps(plain, sort_keys=True, allow_nan=False, separators=(",", ":")).encode()
+        new = hashlib.sha256(text).hexdigest()[: len(old)]
+        out["runs.json"] = out["runs.json"].replace(old.encode(), new.encode())
+        for file in (name, f"references/{old}.npy"):
+            if file in out:
+                out[file.replace(old, new)] = out.pop(file)
+    return out
 
 
 def write_as_it_is(path: Path, members: Members) -> None:
