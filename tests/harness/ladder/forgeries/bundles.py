@@ -31,7 +31,7 @@ def write_edited(path: Path, members: Members) -> None:
         crate = json.loads(members[METADATA])
         for entity in crate["@graph"]:
             if entity["@id"] not in own and str(entity["@id"]).startswith(("problems/", "references/")):
-                folder, _, old = entity["@id"].partition("/")
+                folder = entity["@id"].partition("/")[0]
                 entity["@id"] = next((n for n in own if n.startswith(f"{folder}/") and n not in members), entity["@id"])
             if entity["@id"] in own:
                 entity["sha256"] = hashlib.sha256(own[entity["@id"]]).hexdigest()
