@@ -37,8 +37,8 @@ def add_commands(commands: Any) -> None:
     """Add the parser of every subcommand."""
     for add in (
         _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_referee,
-        _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_bundle, _add_history,
-        _add_figures,
+        _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_bundle, _add_submit,
+        _add_ladder, _add_history, _add_figures,
     ):  # fmt: skip
         add(commands)
 
@@ -241,6 +241,22 @@ def _add_bundle(commands: Any) -> None:
     p.add_argument("-o", "--out", required=True, metavar="B.zip", help="file to write, as docs/bundle.md says")
     lossless = "all states and series that the results hold, not only those that decide on the status"
     p.add_argument("--lossless", action="store_true", help=lossless)
+
+
+def _add_submit(commands: Any) -> None:
+    words = (
+        "run a solver on hidden instances and bundle the results; exit code 1 if nothing is solved or a success false"
+    )
+    p = subcommand(commands, "submit", words, "one object")
+    p.add_argument("submission", metavar="FILE.py|ENGINE", help="file with one solver, or name of a solver")
+    p.add_argument("--seed", default="1", metavar="TEXT", help="public seed of the instances (default: 1)")
+    p.add_argument("-o", "--out", metavar="B.zip", help="bundle to write (default: <solver>.zip)")
+
+
+def _add_ladder(commands: Any) -> None:
+    p = subcommand(commands, "ladder", "rank the bundles of submissions in a folder; exit code 1 if one was removed")
+    words = "folder of bundles; its labels.toml may call them independent (default), ours or re-run by us"
+    p.add_argument("folder", metavar="DIR", help=words)
 
 
 def _add_history(commands: Any) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from ..cache import ROOT
 from ..catalogue import registry
 from ..execution import handover, worker
 from ..execution.contract import raised_at
@@ -23,6 +24,17 @@ from ..places import Place
 from ..sandbox.apart import Apart, Ended
 from ..sandbox.isolation import shut_out
 from ..types import EndedBy, Problem, Solver, StepControl
+from .fence import keep_in_folder
+
+OUT = "outcome.npz"
+ANSWERS = (
+    "problems",
+    "harness/reference",
+    "harness/ladder",
+    "results",
+    ".git",
+)  # of the package: what knows the motion
+HIDDEN = tuple(ROOT.resolve() / name for name in ANSWERS)
 
 
 @dataclass(frozen=True)
@@ -33,23 +45,40 @@ class Task:
     control: StepControl
     solver: str
     plugin: str  # a file; empty for a solver of the catalogue
-    out: Place
+    folder: Path  # the only place that it may write to; the outcome goes there
     stderr: Place
     limit: float  # [s] of CPU time, import included
     memory: float  # [MB]
+
+
+def shut_in(folder: Path) -> bool:
+    """Before any code of a submission runs: let it work in ``folder`` and find no answers. False where it still can."""
+    os.chdir(folder)
+    os.environ["TMPDIR"] = str(folder)
+    return keep_in_folder(folder, HIDDEN)
 
 
 def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
     """``problem`` as it is presented, without a name, a source or a parameter that tells which it is."""
     seen, steps = present_problem(problem, control)
     system = replace(seen.system, body_names=(), joint_names=())
-    hidden = {"name": "hidden", "section": "", "source": "", "parameters": {}, "frame": np.eye(3), "dt": 0.0}
-    return replace(seen, system=system, **hidden), steps
+    hidden = replace(seen, system=system, name="hidden", section="", source="", parameters={}, frame=np.eye(3), dt=0.0)
+    return hidden, steps
+
+
+class Watched(Apart):
+    """A process whose tree is counted at each look: children that nobody waits for leave no other trace."""
+
+    def look(self) -> Ended | None:
+        """None while it runs."""
+        self._next = 0.0
+        return super().look()
 
 
 def attempt(task: Task) -> None:
     """Import the plugin, ask it, solve, and write the outcome; whatever is raised becomes one."""
     made = list[Solver]()
+    shut_in(task.folder)
     try:
         if task.plugin:
             registry.load_plugin(task.plugin)
@@ -60,7 +89,11 @@ def attempt(task: Task) -> None:
         message = f"{type(error).__name__}: {error}".split("\n")[0][:500]
         report = SolverReport(by=EndedBy.EXCEPTION, message=message + "".join(raised_at(error, s) for s in made))
         handed = Handover(report, None)
-    handover.write(task.out, handed)
+    handover.write(task.folder / OUT, handed)
+
+
+def _run(task: Task) -> Ended:
+    return Watched(lambda send: attempt(task), limit=task.limit, memory=task.memory, stderr=task.stderr).wait()
 
 
 def serve() -> None:
@@ -69,10 +102,8 @@ def serve() -> None:
     answers = os.dup(1)
     os.dup2(2, 1)
     for line in sys.stdin:
-        task: Task = pickle.loads(Path(line.strip()).read_bytes())
+        ended = _run(pickle.loads(Path(line.strip()).read_bytes()))
         Path(line.strip()).unlink()
-        process = Apart(lambda send, task=task: attempt(task), limit=task.limit, memory=task.memory, stderr=task.stderr)  # type: ignore[misc]
-        ended: Ended = process.wait()
         os.write(answers, msgspec.json.encode(asdict(replace(ended, sent=""))) + b"\n")
 
 

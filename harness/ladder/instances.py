@@ -15,7 +15,7 @@ from ..mechanics.presentation import SPACE_AXES
 
 WITHIN = 0.01  # relative change of masses, lengths and starts
 UNITS = 1.0  # decades that units are changed by, up or down
-STEPS = {"dt": (4e-3, 2e-3, 1e-3), "rtol": (1e-4, 1e-6, 1e-8)}
+STEPS = {"dt": (8e-3, 4e-3, 2e-3), "rtol": (1e-4, 1e-6, 1e-8)}
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """A submission run on its hidden instances, measured by processes that never saw its code."""
 
+import contextlib
 import json
 import math
 import os
@@ -7,16 +8,18 @@ import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from ..catalogue import registry
 from ..execution import handover
-from ..execution.handover import BadHandover, Handover, SolverReport
+from ..execution.contract import repeated_cost
+from ..execution.handover import LARGEST, BadHandover, Handover, SolverReport
 from ..execution.job import GRACE, Job, cut_short, unfinished
 from ..execution.measuring import Outcome, judge_handover
 from ..execution.presenting import bring_home
@@ -31,7 +34,7 @@ from ..sandbox.apart import SLACK, Apart, Ended
 from ..sandbox.isolation import trim
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Problem, StepControl
-from .blind import Task, hide_problem
+from .blind import OUT, Task, hide_problem, shut_in
 from .instances import KINDS, STEPS, Instance, Kind, digest_of, draw_instances
 
 CPU_LIMIT = 20.0  # [s] of a run, import included
@@ -48,6 +51,7 @@ class Submission:
     control: str  # dt or rtol
     plugin: str  # a file; empty for a solver of the catalogue
     digest: str
+    fenced: bool = True  # whether this system keeps it from files, answers and other processes
 
 
 class Refused(ValueError):
@@ -64,18 +68,21 @@ def read_submission(given: str) -> Submission:
         raise Refused(f"{given} is no file and no solver of the catalogue")
     known = set(registry.solvers())
 
-    def look(send: Callable[[str], None]) -> None:
+    def look(send: Send) -> None:
+        fenced = shut_in(Path(place))
         registry.load_plugin(file)
-        send(json.dumps([[name, registry.solvers()[name].control] for name in registry.solvers() if name not in known]))
+        found = [name for name in registry.solvers() if name not in known]
+        send(json.dumps([[name, registry.solvers()[name].control, fenced] for name in found]))
 
-    ended = Apart(look, limit=CPU_LIMIT, memory=MEMORY).wait()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        ended = Apart(look, limit=CPU_LIMIT, memory=MEMORY).wait()
     try:
-        ((name, control),) = json.loads(ended.sent)
+        ((name, control, fenced),) = json.loads(ended.sent)
         if name in known or control not in STEPS or not str(name).isidentifier():
             raise ValueError
     except ValueError:
         raise Refused(f"{given} must be a file that marks one solver and can be imported ({ended.words})") from None
-    return Submission(name, control, str(file), digest_of(file.read_bytes()))
+    return Submission(name, control, str(file), digest_of(file.read_bytes()), bool(fenced))
 
 
 class Blind:
@@ -140,7 +147,8 @@ def _describe(submission: Submission, seed: str) -> str:
 
 
 def _job(submission: Submission, instance: Instance, value: float, folder: Path) -> Job:
-    control = StepControl(**{submission.control: value})
+    given: dict[str, Any] = {submission.control: value}
+    control = StepControl(**given)
     spec = RunSpec(instance.problem, submission.name, control, instance.parameters, cpu_limit=CPU_LIMIT, memory=MEMORY)
     return Job(spec, folder, "ladder", submission.digest, environment.commit(), lossless=True)
 
@@ -152,9 +160,12 @@ def _problem(job: Job) -> Problem:
 def _solve(blind: Blind, submission: Submission, job: Job) -> Ended:
     control = replace(job.spec.control, cpu_limit=SOFT * CPU_LIMIT)
     hidden = hide_problem(_problem(job), control)
-    job.handover.remove_file(missing_ok=True)
-    task = Task(*hidden, submission.name, submission.plugin, job.handover, job.stderr, CPU_LIMIT + GRACE, MEMORY)
-    return blind.run(task)
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        task = Task(*hidden, submission.name, submission.plugin, Path(place), job.stderr, CPU_LIMIT + GRACE, MEMORY)
+        ended = blind.run(task)
+        with contextlib.suppress(OSError):  # a link or the like in its place: nothing was handed over
+            job.handover.write((Place(Path(place)) / OUT).read(LARGEST))
+    return ended
 
 
 def _measure_apart(run: _Run) -> RunRecord:
@@ -178,8 +189,13 @@ def _measure(run: _Run) -> RunRecord:
     job, ended = run.job, run.ended[-1]
     problem = _problem(job)
     trim(job.stderr)
-    cpu = [e.cpu for e in run.ended]
-    cost = {"cpu_min_s": min(cpu), "cpu_median_s": float(np.median(cpu)), "cpu_max_s": max(cpu), "repeats": len(cpu)}
+    cpu = repeated_cost([e.cpu for e in run.ended])  # later ones may have been prepared by the first
+    cost: dict[str, Any] = {
+        "cpu_min_s": min(cpu),
+        "cpu_median_s": float(np.median(cpu)),
+        "cpu_max_s": max(cpu),
+        "repeats": len(cpu),
+    }
     bare = replace(unfinished(job, ended, math.nan, EndedBy.WALL_LIMIT, SLACK * CPU_LIMIT), **cost)
     outcome = Outcome(replace(bare, section=problem.section, t_end_s=problem.t_end), problem)
     try:

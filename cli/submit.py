@@ -1,0 +1,36 @@
+"""``submit``: a solver on hidden instances, and the bundle of its results."""
+
+import argparse
+from pathlib import Path
+
+from ..harness.execution.runner import new_folder
+from ..harness.ladder.bundling import read_entry, write_bundle
+from ..harness.ladder.ranking import rank_entries
+from ..harness.ladder.submission import read_submission, run_submission
+from .arguments import check_writable
+from .terminal import console, error_console, print_json
+
+UNFENCED = (
+    "warning: this system cannot keep a submission from files and other processes; run what you do not trust elsewhere"
+)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run it and write the bundle; return 1 if a success was claimed falsely or nothing is solved, else 0."""
+    submission = read_submission(arguments.submission)
+    out = Path(arguments.out or f"{submission.name}.zip")
+    check_writable(out)
+    if not submission.fenced:
+        error_console().print(UNFENCED)
+    folder = new_folder(f"submit-{submission.name}")
+    for r in run_submission(submission, arguments.seed, folder):
+        if not arguments.json:
+            setting = r.dt_s if r.control == "dt" else r.rtol
+            console().print(f"{r.status:12} {r.cpu_median_s:8.3g} s  {r.problem} {setting:g}")
+    write_bundle(folder, out)
+    (row,) = rank_entries([(read_entry(out), "")])
+    if arguments.json:
+        print_json({"file": str(out), "points": row.points, "solved": row.solved, "false": row.false})
+    else:
+        console().print(f"{out}: {row.points} points, {row.solved} of {row.instances} solved, {row.false} false")
+    return 0 if row.solved and not row.false and not row.forged else 1

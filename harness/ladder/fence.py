@@ -1,0 +1,71 @@
+"""What a submission may read and write, as Linux keeps it (landlock(7)): one folder to write to, no TCP."""
+
+import ctypes
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ..sandbox.isolation import CREATE_RULESET, RESTRICT_SELF
+
+ADD_RULE, BENEATH = 445, 1  # system call, kind of rule
+WRITE, READ, TRUNCATE, REFER = 1 << 1, 1 << 2, 1 << 14, 1 << 13
+REMOVE_AND_MAKE = sum(1 << k for k in range(4, 13))  # folders, files, links, pipes, sockets, devices
+TCP = 0b11  # bind and connect
+NEW_USERS_AND_IPC = 0x10000000 | 0x08000000  # namespaces(7): keyrings, shared memory and queues of System V
+SIGNALS = 6  # the first version that keeps them in (``sandbox.isolation``)
+VERSIONS = ((3, TRUNCATE), (2, REFER), (1, READ | WRITE | REMOVE_AND_MAKE))  # the first that has the right
+
+
+class _Beneath(ctypes.Structure):
+    _pack_ = 1
+    _fields_ = (("allowed", ctypes.c_uint64), ("parent", ctypes.c_int32))
+
+
+def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
+    """Let this process and all that it starts write below ``folder`` alone, and read no file below those ``hidden``.
+
+    Returns whether the system does so, and keeps it from signals and memory of others (Linux 6.12 and later).
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    system = ctypes.CDLL(None).syscall
+    apart = _leave_memory_behind()
+    version = system(CREATE_RULESET, None, ctypes.c_size_t(0), 1)
+    if version < 1:
+        return False
+    rights = sum(right for since, right in VERSIONS if version >= since)
+    handled = (ctypes.c_uint64 * 2)(rights, TCP if version >= 4 else 0)
+    ruleset = system(CREATE_RULESET, handled, ctypes.c_size_t(ctypes.sizeof(handled)), 0)
+    places = [(folder, rights), (Path(os.devnull), READ | WRITE), *((p, READ) for p in _all_but(hidden, Path("/")))]
+    for place, allowed in places:
+        try:
+            parent = os.open(place, os.O_PATH)
+        except OSError:  # it has gone, or is not ours to read
+            continue
+        rule = _Beneath(allowed, parent)
+        system(ADD_RULE, ruleset, BENEATH, ctypes.byref(rule), 0)
+        os.close(parent)
+    done = system(RESTRICT_SELF, ruleset, 0) == 0
+    os.close(ruleset)
+    return done and apart and version >= SIGNALS
+
+
+def _leave_memory_behind() -> bool:
+    """Share no memory of the system with processes before or after this one; False where it does not let us."""
+    user, group = os.getuid(), os.getgid()
+    done = bool(ctypes.CDLL(None).unshare(NEW_USERS_AND_IPC) == 0)
+    if done:
+        for name, line in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
+            Path(f"/proc/self/{name}").write_text(line, encoding="ascii")
+    return done
+
+
+def _all_but(hidden: Sequence[Path], folder: Path) -> Iterator[Path]:
+    """The places in ``folder`` that together hold all but those ``hidden``."""
+    for place in (folder / name for name in os.listdir(folder)):
+        if any(h.is_relative_to(place) for h in hidden):
+            if place not in hidden:
+                yield from _all_but(hidden, place)
+        else:
+            yield place

@@ -1,0 +1,109 @@
+"""Submissions are run on what nobody could prepare for, and ranked by what they solve, then by cost."""
+
+import dataclasses
+import json
+from functools import partial
+
+import numpy as np
+import pytest
+
+from mbsbench.cli import submit
+from mbsbench.cli.__main__ import main
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.ladder.bundling import Entry, read_entry
+from mbsbench.harness.ladder.instances import KINDS, WITHIN, draw_instances
+from mbsbench.harness.ladder.ranking import OURS, mean_of, rank_entries
+from mbsbench.harness.ladder.submission import Refused, read_submission, run_submission
+from mbsbench.harness.results.records import RunRecord
+from mbsbench.reports.ladder import write_page
+
+from .forgeries.test_submissions import SHORT, TEXT
+
+
+def test_instances_follow_from_submission_and_seed_alone():
+    """Drawn again they are the same; for another submission or seed every number is another, within a percent."""
+    first = draw_instances("a", "1")
+    assert first == draw_instances("a", "1")
+    for other in (draw_instances("b", "1"), draw_instances("a", "2")):
+        for x, y, kind in zip(first, other, KINDS, strict=True):
+            assert all(x.parameters[name] != y.parameters[name] for name in (*kind.changed, "rotation", "unit_mass"))
+    for x, kind in zip(first, KINDS, strict=True):
+        assert all(abs(x.parameters[name] / value - 1.0) <= WITHIN for name, value in kind.changed.items())
+        assert registry.make_problem(x.problem, x.parameters).presentation.renumber
+
+
+def record(problem="p", status="success", error=1e-6, cpu=1.0, dt=0.1):
+    return RunRecord(
+        run_id="a", case="c", problem=problem, solver="s", control="dt", dt_s=dt, rtol=float("nan"), status=status,
+        motion_error_max_m=error, length_scale_m=1.0, cpu_median_s=cpu,
+    )  # fmt: skip
+
+
+def entry(name, *records):
+    return Entry(f"{name}.zip", name, name, "1", records)
+
+
+def test_a_false_success_ranks_below_no_answer():
+    """And a forgery has no rank."""
+    rows = rank_entries(
+        [
+            (entry("false", record(), record("q", "wrong")), OURS),
+            (entry("silent", record(), record("q", "refused")), OURS),
+            (entry("all", record(), record("q")), OURS),
+            (dataclasses.replace(entry("forged", record(), record("q")), forged=("changed",)), OURS),
+        ]
+    )
+    assert [(r.solver, r.rank, r.points) for r in rows] == [
+        ("all", 1, 2),
+        ("silent", 2, 1),
+        ("false", 3, 0),
+        ("forged", 0, 0),
+    ]
+
+
+def test_cost_decides_between_equal_points_and_the_frontier_needs_a_sure_difference():
+    """Of two that solve all, the cheaper is first; one within its interval still leads."""
+
+    def of(name, cpu, error):
+        return entry(name, *(record(f"p{k}", cpu=cpu * (1.0 + 0.01 * k), error=error) for k in range(5)))
+
+    rows = rank_entries([(of("dear", 2.0, 1e-6), OURS), (of("cheap", 1.0, 1e-6), OURS), (of("exact", 3.0, 1e-9), OURS)])
+    assert [(r.solver, r.leads) for r in rows] == [("cheap", True), ("dear", False), ("exact", True)]
+
+
+def test_the_interval_of_equal_costs_is_a_point_and_holds_the_mean():
+    """No spread, no doubt; with spread the mean lies inside."""
+    same, spread = mean_of(np.full(5, 2.0)), mean_of(np.array([1.0, 2.0, 4.0]))
+    assert same.low == pytest.approx(2.0) == same.high
+    assert spread.low < spread.value < spread.high and spread.value == pytest.approx(2.0)
+
+
+def test_what_cannot_be_a_submission_is_refused_in_a_line(tmp_path):
+    """No file; a file without a solver; one that leaves at import."""
+    with pytest.raises(Refused, match="no file"):
+        read_submission(str(tmp_path / "none.py"))
+    for k, text in enumerate(("x = 1", "import os\nos._exit(0)", "raise SystemExit")):
+        file = tmp_path / f"bad{k}.py"
+        file.write_text(text)
+        with pytest.raises(Refused, match="one solver"):
+            read_submission(str(file))
+
+
+def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
+    """A bundle of an honest and of a false solver; the page names both, escaped, and the label of each."""
+    monkeypatch.setattr(submit, "run_submission", partial(run_submission, kinds=SHORT, repeats=1))
+    monkeypatch.setattr(submit, "read_entry", partial(read_entry, kinds=SHORT))
+    monkeypatch.setattr(submit, "new_folder", lambda name: tmp_path / f"{name}{len(list(tmp_path.iterdir()))}")
+    for name, how, code in (("good", "nothing", 0), ("bad", "gravity too small", 1)):
+        (tmp_path / f"{name}.py").write_text(TEXT.format(how))
+        line = ["submit", str(tmp_path / f"{name}.py"), "-o", str(tmp_path / f"{name}.zip"), "--json"]
+        assert main(line) == code
+        assert json.loads(capsys.readouterr().out)["solved"] == (code == 0)
+    rows = rank_entries([(read_entry(tmp_path / f"{name}.zip", SHORT), "<ours>") for name in ("bad", "good")])
+    assert [(r.file, r.points) for r in rows] == [("good.zip", 1), ("bad.zip", -1)]
+    write_page(tmp_path / "index.html", rows)
+    page = (tmp_path / "index.html").read_text()
+    assert "&lt;ours&gt;" in page and "good.zip" in page and "<ours>" not in page
+    assert main(["ladder", str(tmp_path)]) == 1  # neither holds all instances of the ladder
+    assert "removed" in capsys.readouterr().out
+    assert main(["ladder", str(tmp_path / "runs")]) == 2
