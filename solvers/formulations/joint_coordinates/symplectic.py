@@ -1,0 +1,343 @@
+"""Symplectic steps of fixed size on Hamilton's equations of a tree and of its loops (compiled).
+
+One step by a ``Tableau`` solves for q_dot, p_dot of its stages and for lam of its rows: stages one after the other, each
+from the newest of the others, then one correction of all lam,
+
+    (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step
+
+until what changes is rounding. The first estimate extrapolates the stages of the two steps before. Sums of steps are
+compensated (Kahan).
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....harness.clock import cpu_seconds
+from ....harness.types import Problem, Status, StepControl, Trajectory
+from ..compiled.algebra import copy
+from ..compiled.entries import Bound, inner, run
+from ..compiled.host import Method, _march
+from ..compiled.marching import STUCK, new_control
+from ..generated import Program
+from ..recording import no_trajectory
+from ..refusals import without_phi
+from . import marching
+from .code import make_code
+from .collocation import Tableau, extrapolation
+from .hamilton import make_hamilton_code
+from .marching import LEAST_PIVOT, OPEN, Bodies
+from .tree import spanning_tree
+
+MOST_SWEEPS = 60
+LOOSE = 1e-9  # changes that are larger are no rounding
+ROUNDING = 1e-17  # what is left to change
+DEGREE = 7  # of the first estimate, at most
+ENERGY = "is not conservative: the energy's part that a symplectic step keeps is not what the dampers, loads or drives leave"
+
+
+class Stages(NamedTuple):
+    """Tableau and room for one step."""
+
+    control: Any
+    t: Any  # (1,)
+    c: Any  # (s,)
+    a: Any  # (s, s)
+    a_p: Any  # (s, s)
+    b: Any  # (s,)
+    nodes: Any  # (m,)
+    a_node: Any  # (m, s)
+    a_row: Any  # (s, m)
+    b_row: Any  # (m,)
+    newton: Any  # (m - 1, m - 1) C^-1
+    guess: Any  # (2, s, 2 s) by stages of the step before, and of the two before
+    guess_rows: Any  # (m - 1, m)
+    start: Any  # (2, nq) q and p
+    rest: Any  # (2, nq) what rounding has left of them
+    z: Any  # (2, nq)
+    z_dot: Any  # (2, nq)
+    F: Any  # (s, 2, nq) z_dot of the stages
+    before: Any  # (2, s, 2, nq) of steps before
+    lam: Any  # (m, r)
+    lam_before: Any  # (m, r)
+    phi: Any  # (m - 1, r)
+    rows: Any  # (r,) in and out of code
+    gaps: Any  # (r,)
+    solved: Any  # (r,)
+    push: Any  # (nq,)
+    pushes: Any  # (m, nq)
+    y: Any  # (ny,)
+    after: Any  # (ny,)
+    guard: Any  # (2,)
+    limits: Any  # (2,) least pivot, largest gap
+    past: Any  # (2,) how many steps are known, and their h
+    stage: int
+    gap: int
+    pushed: int
+    factor: int
+    solve: int
+    close: int
+    finish: int
+    record: int
+
+
+def step(s: Any) -> None:
+    """A step of ``control.h``; ``start`` stays."""
+    c, h = s.control, s.control.h
+    if not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1]):
+        c.status = STUCK
+        return
+    if abs(h - s.past[1]) > 1e-9 * h:
+        s.past[0], s.past[1] = 0.0, h
+    _estimate(s, c.t)
+    rows = len(s.rows) > 0
+    if rows:
+        s.t[0] = c.t
+        copy(s.start, s.z)
+        run(s.factor)
+    last = np.inf
+    for _ in range(MOST_SWEEPS):
+        c.iterations += 1
+        size = _sweep(s, c.t, h)
+        if rows:
+            size = max(size, _correct(s, c.t, h))
+        if not np.isfinite(size):
+            break
+        if size == 0.0 or (size < LOOSE and (size >= last or size * size < ROUNDING * last)):
+            return
+        last = size
+    c.status = STUCK
+
+
+def finish(s: Any) -> None:
+    """Close velocities, and record with accelerations and reactions of index 1."""
+    c, h = s.control, s.control.h
+    n, m = len(s.start[0]), len(s.nodes)
+    copy(s.start, s.z)
+    for e in range(2):
+        for k in range(n):
+            change = 0.0
+            for i in range(len(s.b)):
+                change += s.b[i] * s.F[i, e, k]
+            if e == 1:
+                for j in range(m - 1):
+                    change -= s.b_row[j] * s.pushes[j, k]
+            _add(s, e, k, h * change)
+    s.t[0] = c.t + h
+    run(s.close)
+    if len(s.rows) > 0:
+        for r in range(len(s.rows)):
+            s.lam[m - 1, r] = s.rows[r] / (h * s.b_row[m - 1])
+        run(s.pushed)
+        for k in range(n):
+            _add(s, 1, k, -s.push[k])
+        copy(s.lam, s.lam_before)
+    copy(s.z, s.start)
+    copy(s.before[1], s.before[0])
+    copy(s.F, s.before[1])
+    s.past[0] = min(s.past[0] + 1.0, 2.0)
+    run(s.finish)
+    run(s.record)
+
+
+@inner
+def _add(s: Any, e: int, k: int, change: float) -> None:
+    """To z, with what rounding left out before."""
+    change += s.rest[e, k]
+    total = s.z[e, k] + change
+    s.rest[e, k] = change - (total - s.z[e, k])
+    s.z[e, k] = total
+
+
+@inner
+def _estimate(s: Any, t: float) -> None:
+    """First ``F`` and ``lam``."""
+    stages, n, past = len(s.b), len(s.start[0]), int(s.past[0])
+    for i in range(stages):
+        for e in range(2):
+            for k in range(n):
+                s.F[i, e, k] = 0.0
+    if past == 0:
+        s.t[0] = t
+        copy(s.start, s.z)
+        run(s.stage)
+        s.control.evaluations += 1
+        for i in range(stages):
+            copy(s.z_dot, s.F[i])
+    for step in range(2 - past, 2):
+        for i in range(stages):
+            for j in range(stages):
+                w = s.guess[past - 1, i, step * stages + j]
+                for e in range(2):
+                    for k in range(n):
+                        s.F[i, e, k] += w * s.before[step, j, e, k]
+    for j in range(len(s.nodes) - 1):
+        for r in range(len(s.rows)):
+            value = 0.0
+            if past > 0:
+                for i in range(len(s.nodes)):
+                    value += s.guess_rows[j, i] * s.lam_before[i, r]
+            s.lam[j, r] = value
+        _push(s, j, t, s.control.h)
+
+
+@inner
+def _sweep(s: Any, t: float, h: float) -> float:
+    """Evaluate all stages; the largest change of a step, beside the size of coordinates and momenta."""
+    n, m = len(s.start[0]), len(s.nodes)
+    worst = 0.0
+    change = moment = 0.0
+    for i in range(len(s.b)):
+        for k in range(n):
+            q = p = 0.0
+            for j in range(len(s.b)):
+                q += s.a[i, j] * s.F[j, 0, k]
+                p += s.a_p[i, j] * s.F[j, 1, k]
+            for j in range(m - 1):
+                p -= s.a_row[i, j] * s.pushes[j, k]
+            s.z[0, k] = s.start[0, k] + h * q
+            s.z[1, k] = s.start[1, k] + h * p
+        s.t[0] = t + s.c[i] * h
+        run(s.stage)
+        s.control.evaluations += 1
+        for k in range(n):
+            worst = max(worst, h * abs(s.z_dot[0, k] - s.F[i, 0, k]) / (1.0 + abs(s.z[0, k])))
+            change = max(change, h * abs(s.z_dot[1, k] - s.F[i, 1, k]))
+            moment = max(moment, abs(s.z[1, k]), h * abs(s.z_dot[1, k]))
+            if not np.isfinite(s.z_dot[0, k] + s.z_dot[1, k]):
+                worst = np.inf
+        copy(s.z_dot, s.F[i])
+    return max(worst, change / moment) if moment > 0.0 else worst
+
+
+@inner
+def _node(s: Any, j: int, t: float, h: float) -> None:
+    """Coordinates at node ``j``."""
+    s.t[0] = t + s.nodes[j] * h
+    for k in range(len(s.start[0])):
+        q = 0.0
+        for i in range(len(s.b)):
+            q += s.a_node[j, i] * s.F[i, 0, k]
+        s.z[0, k] = s.start[0, k] + h * q
+
+
+@inner
+def _push(s: Any, j: int, t: float, h: float) -> None:
+    """G^T lam of node ``j``."""
+    if len(s.rows) > 0:
+        _node(s, j, t, h)
+        copy(s.lam[j], s.rows)
+        run(s.pushed)
+        copy(s.push, s.pushes[j])
+
+
+@inner
+def _correct(s: Any, t: float, h: float) -> float:
+    """Correct all ``lam``; the largest phi."""
+    m, nr = len(s.nodes), len(s.rows)
+    worst = 0.0
+    for j in range(1, m):
+        _node(s, j, t, h)
+        run(s.gap)
+        for r in range(nr):
+            worst = max(worst, abs(s.gaps[r]))
+            if not np.isfinite(s.gaps[r]):
+                worst = np.inf
+        copy(s.gaps, s.rows)
+        run(s.solve)
+        copy(s.solved, s.phi[j - 1])
+    for j in range(m - 1):
+        for r in range(nr):
+            change = 0.0
+            for i in range(m - 1):
+                change += s.newton[j, i] * s.phi[i, r]
+            s.lam[j, r] += change / (h * h)
+        _push(s, j, t, h)
+    return worst
+
+
+class Marcher(marching.Marcher):
+    """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
+
+    def __init__(self, problem: Problem, state: np.ndarray, tableau: Tableau, *, radial: bool) -> None:
+        system, tree = problem.system, spanning_tree(problem.system, problem.initial)
+        self.code, own = make_code(system, tree), make_hamilton_code(system, tree, radial=radial)
+        self.operations = own.operations
+        nb, ny, nq, r = system.nb, len(tree.start), tree.nq, own.rows
+        stages, m = len(tableau.b), len(tableau.nodes)
+        self.state = state
+        self.kernel = bodies = Bodies(
+            np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6)), np.zeros(system.nrows),
+            np.arange(system.nrows),
+        )  # fmt: skip
+        t, y, after, y_dot, lam, guard = (np.zeros(k) for k in (1, ny, ny, ny, self.code.rows, 2))
+        z, z_dot, push = np.zeros((2, nq)), np.zeros((2, nq)), np.zeros(nq)
+        rows, gaps, solved, L = (np.zeros(k) for k in (r, r, r, own.entries))
+        index_1, address = self.code.code.address, own.code.address
+        calls = {
+            "stage": [t, z[0], z[1], z_dot[0], z_dot[1]], "gaps": [t, z[0], gaps], "push": [t, z[0], rows, push],
+            "factor": [t, z[0], L], "solve": [L, rows, solved], "close": [t, z[0], z[1], y, rows], "enter": [y, z[1]],
+        }  # fmt: skip
+        programs = {name: Program([(address(name), arrays)], own) for name, arrays in calls.items()}
+        finish_1 = [t, y, after, y_dot, lam, guard]
+        programs["finish"] = Program([(index_1("finish"), finish_1)], self.code)
+        programs["record"] = Program([(index_1("record"), [t, after, y_dot, lam, *bodies[:5]])], self.code)
+        self._programs = list(programs.values())
+        reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
+        guess = np.zeros((2, stages, 2 * stages))
+        for k, of in enumerate((tableau.c - 1.0, np.concatenate((tableau.c - 2.0, tableau.c - 1.0)))):
+            degree = min(len(np.unique(of)) - 1, DEGREE)
+            guess[k, :, 2 * stages - len(of) :] = extrapolation(of, tableau.c, degree)
+        self.stages = Stages(
+            state, t, *tableau[1:], np.linalg.inv(tableau.a_node[1:] @ tableau.a_row[:, :-1]), guess,
+            extrapolation(tableau.nodes - 1.0, tableau.nodes[:-1], m - 1), np.zeros((2, nq)), np.zeros((2, nq)), z,
+            z_dot, np.zeros((stages, 2, nq)), np.zeros((2, stages, 2, nq)), np.zeros((m, r)), np.zeros((m, r)),
+            np.zeros((m - 1, r)), rows, gaps, solved, push, np.zeros((m, nq)), y, after, guard,
+            np.array([LEAST_PIVOT, OPEN * (reach or 1.0)]), np.zeros(2),
+            *(programs[k].entry for k in ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")),
+        )  # fmt: skip
+        y[:] = tree.start
+        for name in ("finish", "record"):  # projected velocities, the reaction
+            programs[name].run()
+        self.reaction = bodies.lam.copy()[None]
+        y[:] = after
+        z[0] = y[:nq]
+        programs["enter"].run()
+        self.stages.start[:] = z
+        self._entries = Bound(step, self.stages), Bound(finish, self.stages)
+        self.stretch(0)
+
+    def explain(self, outcome: int) -> str:
+        """Why the march has ended."""
+        pivot, gap = self.stages.guard
+        near = not (pivot > self.stages.limits[0] and gap < self.stages.limits[1])
+        said: str = super().explain(outcome) if near else marching.ENDS[outcome][1]
+        return said
+
+
+METHOD = Method(
+    lambda kernel, state: None, step, finish, counters=("evaluations", "iterations", "factorisations"),
+)  # fmt: skip
+
+
+def refusal(problem: Problem) -> str | None:
+    """Rows without phi, user forces, and mechanisms that need too much code."""
+    return without_phi(problem.system) or marching.refusal(problem)
+
+
+def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radial: bool = False) -> Trajectory:
+    """March to the end or to a failure, which is a status."""
+    began = cpu_seconds()
+    state = new_control(t_end=problem.t_end, dt=control.dt or 0.0)
+    try:
+        marcher = Marcher(problem, state, tableau, radial=radial)
+    except ValueError as error:
+        return no_trajectory(problem, Status.REFUSED, str(error))
+    out = _march(problem, control, METHOD, marcher, cpu_seconds() - began)
+    notes = [f"code of {marcher.operations} operations a stage"]
+    if marcher.code.rows:
+        notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
+    if not problem.system.is_conservative:
+        notes.append("dampers, loads or drives act: the order holds, what symplectic steps keep is no energy here")
+    return dataclasses.replace(out, notes=tuple(notes))
