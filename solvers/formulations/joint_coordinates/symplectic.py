@@ -33,6 +33,7 @@ from .tree import spanning_tree
 MOST_SWEEPS = 60
 LOOSE = 1e-9  # changes that are larger are no rounding
 ROUNDING = 1e-17  # what is left to change
+FASTEST = 1e-2  # to which part a change falls in one sweep, at best
 DEGREE = 7  # of the first estimate, at most
 ENERGY = "is not conservative: the energy's part that a symplectic step keeps is not what the dampers, loads or drives leave"
 
@@ -96,7 +97,7 @@ def step(s: Any) -> None:
         s.t[0] = c.t
         copy(s.start, s.z)
         run(s.factor)
-    last = np.inf
+    last, stalls = np.inf, 0
     for _ in range(MOST_SWEEPS):
         c.iterations += 1
         size = _sweep(s, c.t, h)
@@ -104,8 +105,10 @@ def step(s: Any) -> None:
             size = max(size, _correct(s, c.t, h))
         if not np.isfinite(size):
             break
-        if size == 0.0 or (size < LOOSE and (size >= last or size * size < ROUNDING * last)):
-            return
+        if size < LOOSE:
+            stalls += size >= last
+            if size == 0.0 or stalls == 2 or size * max(size / last, FASTEST) < ROUNDING:
+                return
         last = size
     c.status = STUCK
 
