@@ -16,16 +16,16 @@ import numpy as np
 
 from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, Status, StepControl, Trajectory
-from ..compiled.algebra import copy
+from ..compiled.algebra import clear, copy
 from ..compiled.entries import Bound, inner, run
-from ..compiled.host import Method, _march
+from ..compiled.host import ROUNDINGS, Method, _march
 from ..compiled.marching import STUCK, new_control
 from ..generated import Program
 from ..recording import no_trajectory
 from ..refusals import without_phi
 from . import marching
 from .code import make_code
-from .collocation import Tableau, extrapolation
+from .collocation import DEPTH, Tableau
 from .hamilton import make_hamilton_code
 from .marching import LEAST_PIVOT, OPEN, Bodies
 from .tree import spanning_tree
@@ -34,7 +34,6 @@ MOST_SWEEPS = 60
 LOOSE = 1e-9  # changes that are larger are no rounding
 ROUNDING = 1e-17  # what is left to change
 FASTEST = 1e-2  # to which part a change falls in one sweep, at best
-DEGREE = 7  # of the first estimate, at most
 ENERGY = "is not conservative: the energy's part that a symplectic step keeps is not what the dampers, loads or drives leave"
 
 
@@ -52,16 +51,16 @@ class Stages(NamedTuple):
     a_row: Any  # (s, m)
     b_row: Any  # (m,)
     newton: Any  # (m - 1, m - 1) C^-1
-    guess: Any  # (2, s, 2 s) by stages of the step before, and of the two before
-    guess_rows: Any  # (m - 1, m)
+    guess: Any  # (d, s, d s) by stages of the step before, of the two before, ...
+    guess_rows: Any  # (d, m - 1, d m)
     start: Any  # (2, nq) q and p
     rest: Any  # (2, nq) what rounding has left of them
     z: Any  # (2, nq)
     z_dot: Any  # (2, nq)
     F: Any  # (s, 2, nq) z_dot of the stages
-    before: Any  # (2, s, 2, nq) of steps before
+    before: Any  # (d, s, 2, nq) of steps before, the last one last
     lam: Any  # (m, r)
-    lam_before: Any  # (m, r)
+    lam_before: Any  # (d, m, r)
     phi: Any  # (m - 1, r)
     rows: Any  # (r,) in and out of code
     gaps: Any  # (r,)
@@ -71,7 +70,7 @@ class Stages(NamedTuple):
     y: Any  # (ny,)
     after: Any  # (ny,)
     guard: Any  # (2,)
-    limits: Any  # (2,) least pivot, largest gap
+    limits: Any  # (3,) least pivot, largest gap of rows that were left out, rounding of phi
     past: Any  # (2,) how many steps are known, and their h
     stage: int
     gap: int
@@ -135,11 +134,14 @@ def finish(s: Any) -> None:
         run(s.pushed)
         for k in range(n):
             _add(s, 1, k, -s.push[k])
-        copy(s.lam, s.lam_before)
     copy(s.z, s.start)
-    copy(s.before[1], s.before[0])
-    copy(s.F, s.before[1])
-    s.past[0] = min(s.past[0] + 1.0, 2.0)
+    d = len(s.before)
+    for k in range(d - 1):
+        copy(s.before[k + 1], s.before[k])
+        copy(s.lam_before[k + 1], s.lam_before[k])
+    copy(s.F, s.before[d - 1])
+    copy(s.lam, s.lam_before[d - 1])
+    s.past[0] = min(s.past[0] + 1.0, float(d))
     run(s.finish)
     run(s.record)
 
@@ -156,32 +158,28 @@ def _add(s: Any, e: int, k: int, change: float) -> None:
 @inner
 def _estimate(s: Any, t: float) -> None:
     """First ``F`` and ``lam``."""
-    stages, n, past = len(s.b), len(s.start[0]), int(s.past[0])
-    for i in range(stages):
-        for e in range(2):
-            for k in range(n):
-                s.F[i, e, k] = 0.0
+    past, d, stages, m = int(s.past[0]), len(s.before), len(s.b), len(s.nodes)
     if past == 0:
         s.t[0] = t
         copy(s.start, s.z)
         run(s.stage)
         s.control.evaluations += 1
-        for i in range(stages):
+    for i in range(stages):
+        if past == 0:
             copy(s.z_dot, s.F[i])
-    for step in range(2 - past, 2):
-        for i in range(stages):
+        else:
+            clear(s.F[i])
+        for k in range(d - past, d):
             for j in range(stages):
-                w = s.guess[past - 1, i, step * stages + j]
-                for e in range(2):
-                    for k in range(n):
-                        s.F[i, e, k] += w * s.before[step, j, e, k]
-    for j in range(len(s.nodes) - 1):
-        for r in range(len(s.rows)):
-            value = 0.0
-            if past > 0:
-                for i in range(len(s.nodes)):
-                    value += s.guess_rows[j, i] * s.lam_before[i, r]
-            s.lam[j, r] = value
+                w = s.guess[past - 1, i, k * stages + j]
+                for at, value in np.ndenumerate(s.before[k, j]):
+                    s.F[i][at] += w * value
+    for j in range(m - 1):
+        clear(s.lam[j])
+        for k in range(d - past, d):
+            for i in range(m):
+                for r in range(len(s.rows)):
+                    s.lam[j, r] += s.guess_rows[past - 1, j, k * m + i] * s.lam_before[k, i, r]
         _push(s, j, t, s.control.h)
 
 
@@ -237,7 +235,7 @@ def _push(s: Any, j: int, t: float, h: float) -> None:
 
 @inner
 def _correct(s: Any, t: float, h: float) -> float:
-    """Correct all ``lam``; the largest phi."""
+    """Correct all ``lam``; the largest phi, or 0."""
     m, nr = len(s.nodes), len(s.rows)
     worst = 0.0
     for j in range(1, m):
@@ -250,12 +248,15 @@ def _correct(s: Any, t: float, h: float) -> float:
         copy(s.gaps, s.rows)
         run(s.solve)
         copy(s.solved, s.phi[j - 1])
+    if worst <= s.limits[2]:
+        worst = 0.0
     for j in range(m - 1):
-        for r in range(nr):
-            change = 0.0
-            for i in range(m - 1):
-                change += s.newton[j, i] * s.phi[i, r]
-            s.lam[j, r] += change / (h * h)
+        if worst > 0.0:
+            for r in range(nr):
+                change = 0.0
+                for i in range(m - 1):
+                    change += s.newton[j, i] * s.phi[i, r]
+                s.lam[j, r] += change / (h * h)
         _push(s, j, t, h)
     return worst
 
@@ -288,16 +289,12 @@ class Marcher(marching.Marcher):
         programs["record"] = Program([(index_1("record"), [t, after, y_dot, lam, *bodies[:5]])], self.code)
         self._programs = list(programs.values())
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
-        guess = np.zeros((2, stages, 2 * stages))
-        for k, of in enumerate((tableau.c - 1.0, np.concatenate((tableau.c - 2.0, tableau.c - 1.0)))):
-            degree = min(len(np.unique(of)) - 1, DEGREE)
-            guess[k, :, 2 * stages - len(of) :] = extrapolation(of, tableau.c, degree)
         self.stages = Stages(
-            state, t, *tableau[1:], np.linalg.inv(tableau.a_node[1:] @ tableau.a_row[:, :-1]), guess,
-            extrapolation(tableau.nodes - 1.0, tableau.nodes[:-1], m - 1), np.zeros((2, nq)), np.zeros((2, nq)), z,
-            z_dot, np.zeros((stages, 2, nq)), np.zeros((2, stages, 2, nq)), np.zeros((m, r)), np.zeros((m, r)),
+            state, t, *tableau[2:], np.linalg.inv(tableau.a_node[1:] @ tableau.a_row[:, :-1]),
+            *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, np.zeros((stages, 2, nq)),
+            np.zeros((DEPTH, stages, 2, nq)), np.zeros((m, r)), np.zeros((DEPTH, m, r)),
             np.zeros((m - 1, r)), rows, gaps, solved, push, np.zeros((m, nq)), y, after, guard,
-            np.array([LEAST_PIVOT, OPEN * (reach or 1.0)]), np.zeros(2),
+            np.array([LEAST_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * reach]), np.zeros(2),
             *(programs[k].entry for k in ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")),
         )  # fmt: skip
         y[:] = tree.start
