@@ -32,7 +32,7 @@ from .tree import spanning_tree
 
 MOST_SWEEPS = 60
 LOOSE = 1e-9  # changes that are larger are no rounding
-ROUNDING = 1e-17  # what is left to change
+ROUNDING = 3e-17  # what is left to change
 FASTEST = 1e-2  # to which part a change falls in one sweep, at best
 ENERGY = "is not conservative: the energy's part that a symplectic step keeps is not what the dampers, loads or drives leave"
 
