@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
+
 DEPTH = 4  # steps before by which a step is estimated
 DEGREE = 7  # of the polynomial of such an estimate, at most
 

@@ -1,15 +1,15 @@
 """Hamilton's equations of a tree, and the rows that close its loops, as machine code kept on disk.
 
-Coordinates q and momenta p: of a hinge or a slide its angle or length; of a ball a quaternion x, of any length, and four
-momenta y. With E(x) w = w x, and omega and its momentum pi in the base frame,
+Coordinates q and momenta p: an angle or a length of a hinge or a slide; of a ball a quaternion x, of any length, and
+four momenta y. With E(x) w = w x, angular velocities u of balls and their momenta pi in the base frame,
 
-    pi = E(x)^T y / 2,   H(q) u = pi,   R = R(x / |x|)
-    q_dot = u,   p_dot = T_q(q, u) + Q - G^T lam
-    x_dot = E(x) u / 2,   y_dot = E(y) u / 2 + 2 E(x) (T_theta + n) / |x|^2 - G^T lam
+    q_dot = u,            p_dot = T_q(q, u) + Q - G^T lam,                                  H(q) u = pi = p
+    x_dot = E(x) u / 2,   y_dot = E(y) u / 2 + 2 E(x) (T_theta + Q_theta) / |x|^2 - G^T lam,   pi = E(x)^T y / 2
 
-This is a canonical system in all of R^2n. Its energy depends on y by pi alone: |x|^2 is an invariant, a quadratic one,
-and so is x . y. With ``radial`` the energy has a term alpha (x . y)^2 / 2 beside, which is zero in motion, and
-|x|^2 = 1 is a row, for methods that do not keep quadratic invariants. G is the gradient of the rows that are kept.
+This is a canonical system in all of R^2n, R = R(x / |x|). Its energy depends on y by pi alone, so that |x|^2, a
+quadratic form, is an invariant, and what y has along x has no effect. With ``radial`` the energy has a term
+alpha (x . y)^2 / 2 beside, zero in motion, and |x|^2 = 1 is a row, for methods that do not keep quadratic invariants.
+G is the gradient of the rows that are kept.
 
     stage(t, q, p) -> q_dot, p_dot        without rows
     enter(y) -> p                         y = (q, u)
@@ -30,7 +30,7 @@ from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
 from ..rows.kept import _texts as texts
-from .code import MOST_OPERATIONS, _column, _digest, _equations, _evaluate, _own_text, _parts, too_large
+from .code import MOST_OPERATIONS, _column, _digest, _equations, _evaluate, _normalised, _own_text, _parts, too_large
 from .tree import Limb, Tree
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict
     def at(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
         """Expressions in unit quaternions at ``q``, velocities and momenta."""
         values = ca.Function("at", [t, y, pi, lam], list(outputs))
-        out = values(t, ca.vertcat(_unit(tree, q), velocities), momenta, lam)
+        out = values(t, ca.vertcat(_normalised(tree, q), velocities), momenta, lam)
         return list(out) if isinstance(out, tuple) else [out]
 
     rest, lowered = ca.SX.zeros(nu), _lowered(tree, q, p)
@@ -142,7 +142,7 @@ def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict
         "push": Straight([t, q, lam], [push]),
         "factor": Straight([t, q], [L]),
         "solve": Straight([entries, rhs], [_column(solved)]),
-        "close": Straight([t, q, p], [ca.vertcat(_unit(tree, q), held), mu]),
+        "close": Straight([t, q, p], [ca.vertcat(_normalised(tree, q), held), mu]),
     }
     return functions, lam.numel(), L.numel()
 
@@ -214,13 +214,6 @@ def _lifted(tree: Tree, q: "ca.SX", pi: "ca.SX") -> "ca.SX":
             x = q[_quaternion(limb)]
             out[_quaternion(limb)] = out[_quaternion(limb)] * (4.0 / ca.dot(x, x))
     return out
-
-
-def _unit(tree: Tree, q: "ca.SX") -> "ca.SX":
-    """``q`` with normalised quaternions."""
-    from .code import _normalised
-
-    return _normalised(tree, q)
 
 
 def _softness(limb: Limb, H: dict[int, dict[int, float]]) -> float:

@@ -1,12 +1,11 @@
 """Symplectic steps of fixed size on Hamilton's equations of a tree and of its loops (compiled).
 
-One step by a ``Tableau`` solves for q_dot, p_dot of its stages and for lam of its rows: stages one after the other, each
-from the newest of the others, then one correction of all lam,
+A step by a ``Tableau`` finds q_dot, p_dot of its stages and lam of its rows in sweeps: each stage by the newest of the
+others, then lam of all nodes by one step of a simplified Newton method,
 
-    (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step
+    (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step,
 
-until what changes is rounding. The first estimate extrapolates the stages of the two steps before. Sums of steps are
-compensated (Kahan).
+until only rounding changes. The first estimate extrapolates steps before. q and p are summed with compensation (Kahan).
 """
 
 import dataclasses
@@ -18,7 +17,7 @@ from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled.algebra import clear, copy
 from ..compiled.entries import Bound, inner, run
-from ..compiled.host import ROUNDINGS, Method, _march
+from ..compiled.host import ENDS, ROUNDINGS, Method, _march
 from ..compiled.marching import STUCK, new_control
 from ..generated import Program
 from ..recording import no_trajectory
@@ -31,10 +30,9 @@ from .marching import LEAST_PIVOT, OPEN, Bodies
 from .tree import spanning_tree
 
 MOST_SWEEPS = 60
-LOOSE = 1e-9  # changes that are larger are no rounding
-ROUNDING = 3e-17  # what is left to change
-FASTEST = 1e-2  # to which part a change falls in one sweep, at best
-ENERGY = "is not conservative: the energy's part that a symplectic step keeps is not what the dampers, loads or drives leave"
+LOOSE = 1e-9  # larger changes are no rounding
+ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
+FASTEST = 1e-2  # assumed convergence of a sweep, at best
 
 
 class Stages(NamedTuple):
@@ -54,7 +52,7 @@ class Stages(NamedTuple):
     guess: Any  # (d, s, d s) by stages of the step before, of the two before, ...
     guess_rows: Any  # (d, m - 1, d m)
     start: Any  # (2, nq) q and p
-    rest: Any  # (2, nq) what rounding has left of them
+    rest: Any  # (2, nq) what their last sums have lost
     z: Any  # (2, nq)
     z_dot: Any  # (2, nq)
     F: Any  # (s, 2, nq) z_dot of the stages
@@ -71,7 +69,7 @@ class Stages(NamedTuple):
     after: Any  # (ny,)
     guard: Any  # (2,)
     limits: Any  # (3,) least pivot, largest gap of rows that were left out, rounding of phi
-    past: Any  # (2,) how many steps are known, and their h
+    past: Any  # (2,) number of steps before that are known, and their h
     stage: int
     gap: int
     pushed: int
@@ -148,7 +146,7 @@ def finish(s: Any) -> None:
 
 @inner
 def _add(s: Any, e: int, k: int, change: float) -> None:
-    """To z, with what rounding left out before."""
+    """Add to z, with what the sum before has lost."""
     change += s.rest[e, k]
     total = s.z[e, k] + change
     s.rest[e, k] = change - (total - s.z[e, k])
@@ -294,7 +292,7 @@ class Marcher(marching.Marcher):
             *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, np.zeros((stages, 2, nq)),
             np.zeros((DEPTH, stages, 2, nq)), np.zeros((m, r)), np.zeros((DEPTH, m, r)),
             np.zeros((m - 1, r)), rows, gaps, solved, push, np.zeros((m, nq)), y, after, guard,
-            np.array([LEAST_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * reach]), np.zeros(2),
+            np.array([LEAST_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0)]), np.zeros(2),
             *(programs[k].entry for k in ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")),
         )  # fmt: skip
         y[:] = tree.start
@@ -312,13 +310,10 @@ class Marcher(marching.Marcher):
         """Why the march has ended."""
         pivot, gap = self.stages.guard
         near = not (pivot > self.stages.limits[0] and gap < self.stages.limits[1])
-        said: str = super().explain(outcome) if near else marching.ENDS[outcome][1]
-        return said
+        return f"{super().explain(outcome)}: use rattle" if near else ENDS[outcome][1]
 
 
-METHOD = Method(
-    lambda kernel, state: None, step, finish, counters=("evaluations", "iterations", "factorisations"),
-)  # fmt: skip
+METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations", "iterations"))
 
 
 def refusal(problem: Problem) -> str | None:
@@ -339,5 +334,5 @@ def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radia
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
     if not problem.system.is_conservative:
-        notes.append("dampers, loads or drives act: the order holds, what symplectic steps keep is no energy here")
+        notes.append("dampers, loads or drives act: the order holds, a claim on energy does not")
     return dataclasses.replace(out, notes=tuple(notes))
