@@ -1,12 +1,12 @@
 """RATTLE on Hamilton's equations in joint coordinates, by code made for the mechanism.
 
-Andersen (1983); Hairer, Lubich, Wanner (2006), VII.1.4: half a kick at the start and half a one at the end, each by the
-slope of the energy at the momentum of the middle; H depends on q, so both halves are implicit. Rows of joints that close
-loops hold at the ends of steps, as phi and as phi_dot; the unit length of a ball's quaternion is a row, too.
+Andersen (1983); Hairer, Lubich, Wanner (2006), VII.1.4: the momentum of the middle by the slope of the energy at the
+start, coordinates by the mean velocity of both ends, the momentum of the end by the slope there. H depends on q, so that
+all three are implicit. phi and phi_dot of loops vanish at the ends of steps; |x|^2 = 1 of a ball's quaternion is a row.
 
-Order two, symplectic and time-reversible for trees and for loops, as long as no damper, load of time or drive acts, to
-the rounding to which steps converge. Where rows of loops depend on each other, those that are independent at the start
-hold; the run ends where their rank changes. Making the code is set-up.
+Order two; symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step
+ends. With dampers, loads or drives the order holds, and no claim on energy. Of rows that depend on each other, those
+that are independent at the start hold; a run ends where their rank changes.
 """
 
 from dataclasses import dataclass

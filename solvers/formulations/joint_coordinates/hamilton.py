@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     import casadi as ca
 
     from ..generated import Straight
-    from .code import Equations
     from .elimination import Factor
     from .motion import Motion
 

@@ -32,6 +32,7 @@ from .tree import spanning_tree
 MOST_SWEEPS = 60
 LOOSE = 1e-9  # larger changes are no rounding
 ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
+CALLS = ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")
 FASTEST = 1e-2  # assumed convergence of a sweep, at best
 
 
@@ -265,7 +266,7 @@ class Marcher(marching.Marcher):
     def __init__(self, problem: Problem, state: np.ndarray, tableau: Tableau, *, radial: bool) -> None:
         system, tree = problem.system, spanning_tree(problem.system, problem.initial)
         self.code, own = make_code(system, tree), make_hamilton_code(system, tree, radial=radial)
-        self.operations = own.operations
+        self.hamilton = own
         nb, ny, nq, r = system.nb, len(tree.start), tree.nq, own.rows
         stages, m = len(tableau.b), len(tableau.nodes)
         self.state = state
@@ -292,8 +293,8 @@ class Marcher(marching.Marcher):
             *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, np.zeros((stages, 2, nq)),
             np.zeros((DEPTH, stages, 2, nq)), np.zeros((m, r)), np.zeros((DEPTH, m, r)),
             np.zeros((m - 1, r)), rows, gaps, solved, push, np.zeros((m, nq)), y, after, guard,
-            np.array([LEAST_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0)]), np.zeros(2),
-            *(programs[k].entry for k in ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")),
+            np.array([LEAST_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0)]),
+            np.zeros(2), *(programs[name].entry for name in CALLS),
         )  # fmt: skip
         y[:] = tree.start
         for name in ("finish", "record"):  # projected velocities, the reaction
@@ -330,7 +331,7 @@ def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radia
     except ValueError as error:
         return no_trajectory(problem, Status.REFUSED, str(error))
     out = _march(problem, control, METHOD, marcher, cpu_seconds() - began)
-    notes = [f"code of {marcher.operations} operations a stage"]
+    notes = [f"code of {marcher.hamilton.operations} operations a stage"]
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
     if not problem.system.is_conservative:
