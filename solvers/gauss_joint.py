@@ -2,12 +2,13 @@
 
 Hairer, Lubich, Wanner (2006), II.1.3, VI.4, VIII.6. Angles and lengths of a spanning tree's joints, with momenta; of a
 ball a quaternion x with four momenta, a canonical system of R^8 without chart, hence without singularity: |x|^2 is a
-quadratic invariant, which Gauss methods keep. Joints that close loops are rows at the nodes of Lobatto, with velocities
-closed at the ends of steps: the Gauss-Lobatto SPARK methods of Jay (2007), SIAM J. Numer. Anal. 45, of order 2 s, too.
+quadratic invariant, which Gauss methods keep. Joints that close loops are rows at the nodes of Lobatto, with
+velocities closed at the ends of steps: the Gauss-Lobatto SPARK methods of Jay (2007), SIAM J. Numer. Anal. 45, of
+order 2 s, too.
 
-Symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step ends; energy is
-not kept exactly, but does not drift. With dampers, loads or drives the order holds, and no claim on energy. Of rows that
-depend on each other, those that are independent at the start hold; a run ends where their rank changes.
+Symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step ends; energy
+is not kept exactly, but does not drift. With dampers, loads or drives the order holds, and no claim on energy. Of rows
+that depend on each other, those that are independent at the start hold; a run ends where their rank changes.
 """
 
 from dataclasses import dataclass
