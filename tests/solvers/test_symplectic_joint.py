@@ -43,7 +43,7 @@ def test_tableaux_are_symplectic(stages: int) -> None:
     ("name", "stages", "dt"),
     [
         ("heavy_top", 2, 0.01), ("heavy_top", 3, 0.02), ("heavy_top", 4, 0.04), ("spherical_pendulum", 2, 0.1),
-        ("spherical_pendulum", 3, 0.2), ("spherical_pendulum", 4, 0.4), ("chain", 2, 0.01), ("chain", 3, 0.02),
+        ("spherical_pendulum", 3, 0.2), ("spherical_pendulum", 4, 0.32), ("chain", 2, 0.01), ("chain", 3, 0.04),
         ("bricard", 2, 0.1), ("bricard", 3, 0.1), ("heavy_top", 0, 0.01), ("spherical_pendulum", 0, 0.05),
         ("chain", 0, 0.01), ("bricard", 0, 0.1),
     ],
@@ -56,7 +56,7 @@ def test_errors_are_of_the_order(name: str, stages: int, dt: float) -> None:
     errors = [
         float(np.max(np.abs(run(problem, h, solver, **options).states.r[-1] - exact))) for h in dt / 2.0 ** np.arange(4)
     ]
-    above = [e for e in errors if e > 1e-12]
+    above = [e for e in errors if e > 2e-13]
     assert len(above) >= 3
     assert abs(orders(above)[-1] - (2 * stages or 2)) < 0.2, errors
 
@@ -65,10 +65,10 @@ def test_errors_are_of_the_order(name: str, stages: int, dt: float) -> None:
 @pytest.mark.parametrize("solver", [GAUSS, RATTLE])
 def test_the_way_back_leads_to_the_start(solver: str, name: str) -> None:
     """Symmetric steps with velocities reversed, to the rounding of their iterations."""
-    problem = problem_of(name)
-    end = run(problem, SPAN[name] / 20, solver).states
+    problem, dt = problem_of(name), SPAN[name] / (20 if solver == GAUSS else 80)
+    end = run(problem, dt, solver).states
     turned = dataclasses.replace(end[len(end.r) - 1], v=-end.v[-1], Omega=-end.Omega[-1], t=0.0)
-    back = run(dataclasses.replace(problem, initial=turned), SPAN[name] / 20, solver).states
+    back = run(dataclasses.replace(problem, initial=turned), dt, solver).states
     assert np.max(np.abs(back.r[-1] - problem.initial.r)) < 1e-11
     assert np.max(np.abs(back.v[-1] + problem.initial.v)) < 1e-9 * max(1.0, float(np.max(np.abs(end.v))))
 
@@ -112,10 +112,11 @@ def test_steps_keep_the_symplectic_form(name: str, tableau: Tableau) -> None:
         return np.stack((q, p))
 
     if name == "cart_pendulum":
-        n = 4
+        n = 2 * len(start[0])
 
         def surface(x: np.ndarray) -> np.ndarray:
-            return of_velocities(np.array([0.1, 0.3]) + x[:2], np.array([0.7, -1.2]) + x[2:])
+            speed = np.linspace(0.7, -1.2, n // 2)
+            return of_velocities(start[0] + 0.2 + x[: n // 2], speed + x[n // 2 :])
     elif name == "spherical_pendulum":
         n = 6
 
@@ -174,7 +175,7 @@ def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, present
 def test_reactions_are_the_judges_and_constraints_hold(solver: str, name: str) -> None:
     """Newton and Euler leave no choice of the load of the joints in a state; phi and phi_dot are at rounding."""
     problem = problem_of(name)
-    out: Trajectory = run(problem, SPAN[name] / 16, solver)
+    out: Trajectory = run(problem, SPAN[name] / (16 if solver == GAUSS else 64), solver)
     system = problem.system
     assert np.max(np.abs(constraint(system, out.states))) < 1e-12
     assert np.max(np.abs(constraint_rate(system, out.states))) < 1e-11
