@@ -31,7 +31,7 @@ from ..generated import Code
 from ..generated.code import print_functions
 from ..rows.kept import _texts as texts
 from .code import MOST_OPERATIONS, _column, _digest, _equations, _evaluate, _normalised, _own_text, _parts, too_large
-from .tree import Limb, Tree
+from .tree import Limb, Tree, snapped
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -149,11 +149,12 @@ def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict
 def _kinetic_energy(motion: "Motion") -> "ca.SX":
     import casadi as ca
 
-    inertias, T = motion.inertias(), ca.SX(0)
+    T = ca.SX(0)
     for b in motion.limb:
-        v, omega = motion.v[b], motion.omega[b]
-        T += 0.5 * motion.system.mass[b] * ca.dot(v, v) + ca.dot(v, ca.cross(omega, motion.h[b]))
-        T += 0.5 * ca.dot(omega, inertias[b] @ omega)
+        F, system = motion.tree.frames[b], motion.system
+        v, turn = motion.v[b] + ca.cross(motion.omega[b], motion.centre[b]), motion.R[b].T @ motion.omega[b]
+        inertia = ca.SX(ca.DM(snapped(F @ system.regular_inertia[b] @ F.T)))
+        T += 0.5 * (system.mass[b] * ca.dot(v, v) + ca.dot(turn, inertia @ turn))
     return T
 
 
