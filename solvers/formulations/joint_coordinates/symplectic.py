@@ -288,7 +288,7 @@ class Marcher(marching.Marcher):
         programs["record"] = Program([(index_1("record"), [t, after, y_dot, lam, *bodies[:5]])], self.code)
         self._programs = list(programs.values())
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
-        self.stages = Stages(
+        self.stages = Stages(  # type: ignore[assignment]
             state, t, *tableau[2:], np.linalg.inv(tableau.a_node[1:] @ tableau.a_row[:, :-1]),
             *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, np.zeros((stages, 2, nq)),
             np.zeros((DEPTH, stages, 2, nq)), np.zeros((m, r)), np.zeros((DEPTH, m, r)),
