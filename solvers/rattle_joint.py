@@ -7,7 +7,7 @@ a row.
 
 Order two; symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step
 ends. With dampers, loads or drives the order holds, and no claim on energy. Of rows that depend on each other, those
-that are independent at the start hold; a run ends where their rank changes.
+that are independent at the start hold; a run ends where one of its pivots vanishes.
 """
 
 from dataclasses import dataclass
