@@ -12,7 +12,7 @@ from pathlib import Path
 
 FAMILIES = {  # colour, and how the names of its solvers begin
     "ODE-GC": ("#3D62C7", ("gc_",)),
-    "geometric": ("#62AF96", ("rattle", "lie_", "energy_momentum")),
+    "geometric": ("#62AF96", ("gauss_", "rattle", "lie_", "energy_momentum")),
     "explicit": ("#E08906", ("rk", "dop853_", "half_explicit", "scipy_")),
     "implicit": ("#BB3939", ("ida_", "ndf_", "radau_", "generalized_alpha", "al_index3")),
 }

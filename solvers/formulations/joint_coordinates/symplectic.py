@@ -1,0 +1,339 @@
+"""Symplectic steps of fixed size on Hamilton's equations of a tree and of its loops (compiled).
+
+A step by a ``Tableau`` finds q_dot, p_dot of its stages and lam of its rows in sweeps: each stage by the newest of the
+others, then lam of all nodes by one step of a simplified Newton method,
+
+    (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step,
+
+until only rounding changes. The first estimate extrapolates steps before. q and p are summed with compensation (Kahan).
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....harness.clock import cpu_seconds
+from ....harness.types import Problem, Status, StepControl, Trajectory
+from ..compiled.algebra import clear, copy
+from ..compiled.entries import Bound, inner, run
+from ..compiled.host import ENDS, ROUNDINGS, Method, _march
+from ..compiled.marching import STUCK, new_control
+from ..generated import Program
+from ..recording import no_trajectory
+from ..refusals import without_phi
+from . import marching
+from .code import make_code
+from .collocation import DEPTH, Tableau
+from .hamilton import make_hamilton_code
+from .marching import LEAST_PIVOT, OPEN, Bodies
+from .tree import spanning_tree
+
+MOST_SWEEPS = 60
+LOOSE = 1e-9  # larger changes are no rounding
+ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
+CALLS = ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")
+FASTEST = 1e-2  # assumed convergence of a sweep, at best
+
+
+class Stages(NamedTuple):
+    """Tableau and room for one step."""
+
+    control: Any
+    t: Any  # (1,)
+    c: Any  # (s,)
+    a: Any  # (s, s)
+    a_p: Any  # (s, s)
+    b: Any  # (s,)
+    nodes: Any  # (m,)
+    a_node: Any  # (m, s)
+    a_row: Any  # (s, m)
+    b_row: Any  # (m,)
+    newton: Any  # (m - 1, m - 1) C^-1
+    guess: Any  # (d, s, d s) by stages of the step before, of the two before, ...
+    guess_rows: Any  # (d, m - 1, d m)
+    start: Any  # (2, nq) q and p
+    rest: Any  # (2, nq) what their last sums have lost
+    z: Any  # (2, nq)
+    z_dot: Any  # (2, nq)
+    F: Any  # (s, 2, nq) z_dot of the stages
+    before: Any  # (d, s, 2, nq) of steps before, the last one last
+    lam: Any  # (m, r)
+    lam_before: Any  # (d, m, r)
+    phi: Any  # (m - 1, r)
+    rows: Any  # (r,) in and out of code
+    gaps: Any  # (r,)
+    solved: Any  # (r,)
+    push: Any  # (nq,)
+    pushes: Any  # (m, nq)
+    y: Any  # (ny,)
+    after: Any  # (ny,)
+    guard: Any  # (2,)
+    limits: Any  # (3,) least pivot, largest gap of rows that were left out, rounding of phi
+    past: Any  # (2,) number of steps before that are known, and their h
+    stage: int
+    gap: int
+    pushed: int
+    factor: int
+    solve: int
+    close: int
+    finish: int
+    record: int
+
+
+def step(s: Any) -> None:
+    """A step of ``control.h``; ``start`` stays."""
+    c, h = s.control, s.control.h
+    if not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1]):
+        c.status = STUCK
+        return
+    if abs(h - s.past[1]) > 1e-9 * h:
+        s.past[0], s.past[1] = 0.0, h
+    _estimate(s, c.t)
+    rows = len(s.rows) > 0
+    if rows:
+        s.t[0] = c.t
+        copy(s.start, s.z)
+        run(s.factor)
+    last, stalls = np.inf, 0
+    for _ in range(MOST_SWEEPS):
+        c.iterations += 1
+        size = _sweep(s, c.t, h)
+        if rows:
+            size = max(size, _correct(s, c.t, h))
+        if not np.isfinite(size):
+            break
+        if size < LOOSE:
+            stalls += size >= last
+            if size == 0.0 or stalls == 2 or size * max(size / last, FASTEST) < ROUNDING:
+                return
+        last = size
+    c.status = STUCK
+
+
+def finish(s: Any) -> None:
+    """Close velocities, and record with accelerations and reactions of index 1."""
+    c, h = s.control, s.control.h
+    n, m = len(s.start[0]), len(s.nodes)
+    copy(s.start, s.z)
+    for e in range(2):
+        for k in range(n):
+            change = 0.0
+            for i in range(len(s.b)):
+                change += s.b[i] * s.F[i, e, k]
+            if e == 1:
+                for j in range(m - 1):
+                    change -= s.b_row[j] * s.pushes[j, k]
+            _add(s, e, k, h * change)
+    s.t[0] = c.t + h
+    run(s.close)
+    if len(s.rows) > 0:
+        for r in range(len(s.rows)):
+            s.lam[m - 1, r] = s.rows[r] / (h * s.b_row[m - 1])
+        run(s.pushed)
+        for k in range(n):
+            _add(s, 1, k, -s.push[k])
+    copy(s.z, s.start)
+    d = len(s.before)
+    for k in range(d - 1):
+        copy(s.before[k + 1], s.before[k])
+        copy(s.lam_before[k + 1], s.lam_before[k])
+    copy(s.F, s.before[d - 1])
+    copy(s.lam, s.lam_before[d - 1])
+    s.past[0] = min(s.past[0] + 1.0, float(d))
+    run(s.finish)
+    run(s.record)
+
+
+@inner
+def _add(s: Any, e: int, k: int, change: float) -> None:
+    """Add to z, with what the sum before has lost."""
+    change += s.rest[e, k]
+    total = s.z[e, k] + change
+    s.rest[e, k] = change - (total - s.z[e, k])
+    s.z[e, k] = total
+
+
+@inner
+def _estimate(s: Any, t: float) -> None:
+    """First ``F`` and ``lam``."""
+    past, d, stages, m = int(s.past[0]), len(s.before), len(s.b), len(s.nodes)
+    if past == 0:
+        s.t[0] = t
+        copy(s.start, s.z)
+        run(s.stage)
+        s.control.evaluations += 1
+    for i in range(stages):
+        if past == 0:
+            copy(s.z_dot, s.F[i])
+        else:
+            clear(s.F[i])
+        for k in range(d - past, d):
+            for j in range(stages):
+                w = s.guess[past - 1, i, k * stages + j]
+                for at, value in np.ndenumerate(s.before[k, j]):
+                    s.F[i][at] += w * value
+    for j in range(m - 1):
+        clear(s.lam[j])
+        for k in range(d - past, d):
+            for i in range(m):
+                for r in range(len(s.rows)):
+                    s.lam[j, r] += s.guess_rows[past - 1, j, k * m + i] * s.lam_before[k, i, r]
+        _push(s, j, t, s.control.h)
+
+
+@inner
+def _sweep(s: Any, t: float, h: float) -> float:
+    """Evaluate all stages; the largest change of a step, beside the size of coordinates and momenta."""
+    n, m = len(s.start[0]), len(s.nodes)
+    worst = 0.0
+    change = moment = 0.0
+    for i in range(len(s.b)):
+        for k in range(n):
+            q = p = 0.0
+            for j in range(len(s.b)):
+                q += s.a[i, j] * s.F[j, 0, k]
+                p += s.a_p[i, j] * s.F[j, 1, k]
+            for j in range(m - 1):
+                p -= s.a_row[i, j] * s.pushes[j, k]
+            s.z[0, k] = s.start[0, k] + h * q
+            s.z[1, k] = s.start[1, k] + h * p
+        s.t[0] = t + s.c[i] * h
+        run(s.stage)
+        s.control.evaluations += 1
+        for k in range(n):
+            worst = max(worst, h * abs(s.z_dot[0, k] - s.F[i, 0, k]) / (1.0 + abs(s.z[0, k])))
+            change = max(change, h * abs(s.z_dot[1, k] - s.F[i, 1, k]))
+            moment = max(moment, abs(s.z[1, k]), h * abs(s.z_dot[1, k]))
+            if not np.isfinite(s.z_dot[0, k] + s.z_dot[1, k]):
+                worst = np.inf
+        copy(s.z_dot, s.F[i])
+    return max(worst, change / moment) if moment > 0.0 else worst
+
+
+@inner
+def _node(s: Any, j: int, t: float, h: float) -> None:
+    """Coordinates at node ``j``."""
+    s.t[0] = t + s.nodes[j] * h
+    for k in range(len(s.start[0])):
+        q = 0.0
+        for i in range(len(s.b)):
+            q += s.a_node[j, i] * s.F[i, 0, k]
+        s.z[0, k] = s.start[0, k] + h * q
+
+
+@inner
+def _push(s: Any, j: int, t: float, h: float) -> None:
+    """G^T lam of node ``j``."""
+    if len(s.rows) > 0:
+        _node(s, j, t, h)
+        copy(s.lam[j], s.rows)
+        run(s.pushed)
+        copy(s.push, s.pushes[j])
+
+
+@inner
+def _correct(s: Any, t: float, h: float) -> float:
+    """Correct all ``lam``; the largest phi, or 0."""
+    m, nr = len(s.nodes), len(s.rows)
+    worst = 0.0
+    for j in range(1, m):
+        _node(s, j, t, h)
+        run(s.gap)
+        for r in range(nr):
+            worst = max(worst, abs(s.gaps[r]))
+            if not np.isfinite(s.gaps[r]):
+                worst = np.inf
+        copy(s.gaps, s.rows)
+        run(s.solve)
+        copy(s.solved, s.phi[j - 1])
+    if worst <= s.limits[2]:
+        worst = 0.0
+    for j in range(m - 1):
+        if worst > 0.0:
+            for r in range(nr):
+                change = 0.0
+                for i in range(m - 1):
+                    change += s.newton[j, i] * s.phi[i, r]
+                s.lam[j, r] += change / (h * h)
+        _push(s, j, t, h)
+    return worst
+
+
+class Marcher(marching.Marcher):
+    """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
+
+    def __init__(self, problem: Problem, state: np.ndarray, tableau: Tableau, *, radial: bool) -> None:
+        system, tree = problem.system, spanning_tree(problem.system, problem.initial)
+        self.code, own = make_code(system, tree), make_hamilton_code(system, tree, radial=radial)
+        self.hamilton = own
+        nb, ny, nq, r = system.nb, len(tree.start), tree.nq, own.rows
+        stages, m = len(tableau.b), len(tableau.nodes)
+        self.state = state
+        self.kernel = bodies = Bodies(
+            np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6)), np.zeros(system.nrows),
+            np.arange(system.nrows),
+        )  # fmt: skip
+        t, y, after, y_dot, lam, guard = (np.zeros(k) for k in (1, ny, ny, ny, self.code.rows, 2))
+        z, z_dot, push = np.zeros((2, nq)), np.zeros((2, nq)), np.zeros(nq)
+        rows, gaps, solved, L = (np.zeros(k) for k in (r, r, r, own.entries))
+        index_1, address = self.code.code.address, own.code.address
+        calls = {
+            "stage": [t, z[0], z[1], z_dot[0], z_dot[1]], "gaps": [t, z[0], gaps], "push": [t, z[0], rows, push],
+            "factor": [t, z[0], L], "solve": [L, rows, solved], "close": [t, z[0], z[1], y, rows], "enter": [y, z[1]],
+        }  # fmt: skip
+        programs = {name: Program([(address(name), arrays)], own) for name, arrays in calls.items()}
+        finish_1 = [t, y, after, y_dot, lam, guard]
+        programs["finish"] = Program([(index_1("finish"), finish_1)], self.code)
+        programs["record"] = Program([(index_1("record"), [t, after, y_dot, lam, *bodies[:5]])], self.code)
+        self._programs = list(programs.values())
+        reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
+        self.stages = Stages(  # type: ignore[assignment]
+            state, t, *tableau[2:], np.linalg.inv(tableau.a_node[1:] @ tableau.a_row[:, :-1]),
+            *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, np.zeros((stages, 2, nq)),
+            np.zeros((DEPTH, stages, 2, nq)), np.zeros((m, r)), np.zeros((DEPTH, m, r)),
+            np.zeros((m - 1, r)), rows, gaps, solved, push, np.zeros((m, nq)), y, after, guard,
+            np.array([LEAST_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0)]),
+            np.zeros(2), *(programs[name].entry for name in CALLS),
+        )  # fmt: skip
+        y[:] = tree.start
+        for name in ("finish", "record"):  # projected velocities, the reaction
+            programs[name].run()
+        self.reaction = bodies.lam.copy()[None]
+        y[:] = after
+        z[0] = y[:nq]
+        programs["enter"].run()
+        self.stages.start[:] = z
+        self._entries = Bound(step, self.stages), Bound(finish, self.stages)
+        self.stretch(0)
+
+    def explain(self, outcome: int) -> str:
+        """Why the march has ended."""
+        pivot, gap = self.stages.guard
+        near = not (pivot > self.stages.limits[0] and gap < self.stages.limits[1])
+        return f"{super().explain(outcome)}: use rattle" if near else ENDS[outcome][1]
+
+
+METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations", "iterations"))
+
+
+def refusal(problem: Problem) -> str | None:
+    """Rows without phi, user forces, and mechanisms that need too much code."""
+    return without_phi(problem.system) or marching.refusal(problem)
+
+
+def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radial: bool = False) -> Trajectory:
+    """March to the end or to a failure, which is a status."""
+    began = cpu_seconds()
+    state = new_control(t_end=problem.t_end, dt=control.dt or 0.0)
+    try:
+        marcher = Marcher(problem, state, tableau, radial=radial)
+    except ValueError as error:
+        return no_trajectory(problem, Status.REFUSED, str(error))
+    out = _march(problem, control, METHOD, marcher, cpu_seconds() - began)
+    notes = [f"code of {marcher.hamilton.operations} operations a stage"]
+    if marcher.code.rows:
+        notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
+    if not problem.system.is_conservative:
+        notes.append("dampers, loads or drives act: the order holds, a claim on energy does not")
+    return dataclasses.replace(out, notes=tuple(notes))

@@ -1,0 +1,45 @@
+"""Gauss collocation of orders 4 to 12 on Hamilton's equations in joint coordinates, by code made for the mechanism.
+
+Hairer, Lubich, Wanner (2006), II.1.3, VI.4, VIII.6. Angles and lengths of a spanning tree's joints, with momenta; of a
+ball a quaternion x with four momenta, a canonical system of R^8 without chart, hence without singularity: |x|^2 is a
+quadratic invariant, which Gauss methods keep. Joints that close loops are rows at the nodes of Lobatto, with
+velocities closed at the ends of steps: the Gauss-Lobatto SPARK methods of Jay (2007), SIAM J. Numer. Anal. 45, of
+order 2 s, too.
+
+Symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step ends; energy
+is not kept exactly, but does not drift. With dampers, loads or drives the order holds, and no claim on energy. Of rows
+that depend on each other, those that are independent at the start hold; a run ends where one of its pivots vanishes.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.joint_coordinates.collocation import gauss_lobatto
+from .formulations.joint_coordinates.symplectic import integrate, refusal
+
+
+@solver("gauss_joint")
+@dataclass(frozen=True)
+class GaussJoint:
+    """Gauss collocation in joint coordinates, symplectic steps of fixed size."""
+
+    stages: int = option(4, "number of stages s: the order is 2 s", choices=(2, 3, 4, 5, 6))
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+
+    @property
+    def order(self) -> float:
+        """Twice the number of stages."""
+        return 2.0 * self.stages
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Rows without phi, user forces, and mechanisms that need too much code."""
+        return refusal(problem)
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March in steps of ``control.dt``."""
+        return integrate(problem, control, gauss_lobatto(self.stages))

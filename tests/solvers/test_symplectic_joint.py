@@ -1,0 +1,201 @@
+"""Gauss and RATTLE in joint coordinates: orders, reversal, the symplectic form, energy, symmetries, reactions."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.execution.presenting import present_solver
+from mbsbench.harness.mechanics.index1 import index_1
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.solvers.formulations.compiled.marching import new_control
+from mbsbench.solvers.formulations.joint_coordinates.collocation import Tableau, gauss_lobatto, rattle
+from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
+
+from .arbitrary_systems import with_user_forces
+from .runs import drift, orders, run
+
+GAUSS, RATTLE = "gauss_joint", "rattle_joint"
+SPAN = {"heavy_top": 0.48, "spherical_pendulum": 1.6, "chain": 0.08, "bricard": 0.8, "four_bar_grid": 0.4}  # [s]
+
+
+def problem_of(name: str, **parameters: Any) -> Problem:
+    """A short motion of a small mechanism."""
+    size = {"rows": 2, "columns": 2} if name == "four_bar_grid" else {}
+    return make_problem(name, {"t_end": SPAN[name], **size, **parameters})
+
+
+@pytest.mark.parametrize("stages", [1, 2, 3, 4, 5, 6])
+def test_tableaux_are_symplectic(stages: int) -> None:
+    """The conditions of Jay (2007), to rounding; so does RATTLE."""
+    for of in (gauss_lobatto(stages), rattle()):
+        np.testing.assert_allclose(of.b[:, None] * of.a_p + (of.b[:, None] * of.a).T, np.outer(of.b, of.b), atol=1e-15)
+        pairs = of.b[:, None] * of.a_row + (of.b_row[:, None] * of.a_node).T
+        np.testing.assert_allclose(pairs, np.outer(of.b, of.b_row), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "stages", "dt"),
+    [
+        ("heavy_top", 2, 0.01), ("heavy_top", 3, 0.02), ("heavy_top", 4, 0.04), ("spherical_pendulum", 2, 0.1),
+        ("spherical_pendulum", 3, 0.2), ("spherical_pendulum", 4, 0.32), ("chain", 2, 0.01), ("chain", 3, 0.04),
+        ("bricard", 2, 0.1), ("bricard", 3, 0.1), ("heavy_top", 0, 0.01), ("spherical_pendulum", 0, 0.05),
+        ("chain", 0, 0.01), ("bricard", 0, 0.1),
+    ],
+)  # fmt: skip
+def test_errors_are_of_the_order(name: str, stages: int, dt: float) -> None:
+    """2 s of Gauss, 2 of RATTLE (0 stages), on trees, balls and loops; steps above rounding."""
+    problem = problem_of(name)
+    exact = run(problem, 1e-13, "dop853_joint").states.r[-1]
+    solver, options = (GAUSS, {"stages": stages}) if stages else (RATTLE, {})
+    errors = [
+        float(np.max(np.abs(run(problem, h, solver, **options).states.r[-1] - exact))) for h in dt / 2.0 ** np.arange(4)
+    ]
+    above = [e for e in errors if e > 2e-13]
+    assert len(above) >= 3
+    assert abs(orders(above)[-1] - (2 * stages or 2)) < 0.2, errors
+
+
+@pytest.mark.parametrize("name", ["heavy_top", "chain", "bricard"])
+@pytest.mark.parametrize("solver", [GAUSS, RATTLE])
+def test_the_way_back_leads_to_the_start(solver: str, name: str) -> None:
+    """Symmetric steps with velocities reversed, to the rounding of their iterations."""
+    problem, dt = problem_of(name), SPAN[name] / (20 if solver == GAUSS else 80)
+    end = run(problem, dt, solver).states
+    turned = dataclasses.replace(end[len(end.r) - 1], v=-end.v[-1], Omega=-end.Omega[-1], t=0.0)
+    back = run(dataclasses.replace(problem, initial=turned), dt, solver).states
+    assert np.max(np.abs(back.r[-1] - problem.initial.r)) < 1e-11
+    assert np.max(np.abs(back.v[-1] + problem.initial.v)) < 1e-9 * max(1.0, float(np.max(np.abs(end.v))))
+
+
+def marcher_of(name: str, tableau: Tableau, dt: float) -> Marcher:
+    """Ready for steps ``dt``."""
+    state = new_control(t_end=1e6, dt=dt)
+    return Marcher(make_problem(name, {"t_end": 1e6}), state, tableau, radial=not tableau.collocates)
+
+
+def flow(marcher: Marcher, z: np.ndarray, steps: int) -> np.ndarray:
+    """(q, p) after steps from ``z``."""
+    s = marcher.stages
+    s.start[:], s.rest[:], s.past[:], s.guard[:] = z, 0.0, 0.0, (1.0, 0.0)
+    assert len(marcher.stretch(steps).t) == steps
+    return s.start.copy()
+
+
+def form(of: Callable[[np.ndarray], np.ndarray], n: int) -> np.ndarray:
+    """dp ^ dq on the tangents of a surface (q, p) of n numbers, by differences of fourth order."""
+    e, tangents = 2e-3, []
+    for k in range(n):
+        at = [of(x * e * np.eye(n)[k]) for x in (-2, -1, 1, 2)]
+        tangents.append((at[0] - 8.0 * at[1] + 8.0 * at[2] - at[3]) / (12.0 * e))
+    T = np.array(tangents)
+    pairs = np.einsum("aq,bq->ab", T[:, 1], T[:, 0])
+    return pairs - pairs.T
+
+
+@pytest.mark.parametrize("tableau", [gauss_lobatto(2), gauss_lobatto(3), rattle()], ids=["gauss2", "gauss3", "rattle"])
+@pytest.mark.parametrize("name", ["cart_pendulum", "spherical_pendulum", "bricard"])
+def test_steps_keep_the_symplectic_form(name: str, tableau: Tableau) -> None:
+    """M^T J M = J of the flow map, long steps; of a ball on quaternions of unit length, of a loop on phi = 0."""
+    marcher = marcher_of(name, tableau, 0.05)
+    s, start = marcher.stages, marcher.stages.start.copy()
+    enter = marcher.hamilton.code.function("enter", 2)
+
+    def of_velocities(q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        y, p = np.concatenate((q, u)), np.zeros(len(q))
+        enter(y.ctypes.data, p.ctypes.data)
+        return np.stack((q, p))
+
+    if name == "cart_pendulum":
+        n = 2 * len(start[0])
+
+        def surface(x: np.ndarray) -> np.ndarray:
+            speed = np.linspace(0.7, -1.2, n // 2)
+            return of_velocities(start[0] + 0.2 + x[: n // 2], speed + x[n // 2 :])
+    elif name == "spherical_pendulum":
+        n = 6
+
+        def surface(x: np.ndarray) -> np.ndarray:
+            quaternion = np.concatenate(([np.sqrt(1.0 - x[:3] @ x[:3])], x[:3]))
+            return of_velocities(quaternion, np.array([0.7, -1.2, 0.5]) + x[3:])
+    else:  # one degree of freedom: along its motion, and by its speed
+        n, there = 2, marcher_of(name, gauss_lobatto(6), 0.01)
+        base = flow(there, start, 20)
+
+        def surface(x: np.ndarray) -> np.ndarray:
+            moved = base
+            if x[0] != 0.0:
+                there.state["dt"], there.state["grid"], there.state["t"] = abs(x[0]), 0, 0.0
+                back = np.array([1.0, np.sign(x[0])])[:, None]
+                moved = back * flow(there, back * base, 1)
+            return moved * np.array([1.0, 1.0 + x[1]])[:, None]
+
+    before = form(surface, n)
+    after = form(lambda x: flow(marcher, surface(x), 3), n)
+    assert np.max(np.abs(before)) > 0.1
+    assert np.max(np.abs(after - before)) < 1e-8 * np.max(np.abs(before)), (after, before)
+    assert s.past[0] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("solver", "name", "dt", "t_end"),
+    [(GAUSS, "spherical_pendulum", 0.1, 4000.0), (RATTLE, "heavy_top", 0.002, 100.0), (GAUSS, "bricard", 0.05, 200.0)],
+)
+def test_energy_oscillates_and_does_not_drift(solver: str, name: str, dt: float, t_end: float) -> None:
+    """Its means over the first and the last tenth agree to a part of its oscillation: thousands of periods."""
+    problem = make_problem(name, {"t_end": t_end})
+    E = drift(problem, run(problem, dt, solver, **({"stages": 3} if solver == GAUSS else {})))
+    tenth = len(E) // 10
+    assert abs(np.mean(E[:tenth]) - np.mean(E[-tenth:])) < 0.02 * np.max(np.abs(E))
+
+
+@pytest.mark.parametrize("name", ["heavy_top", "four_bar_grid"])
+@pytest.mark.parametrize("presented_as", [{"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}])
+def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, presented_as: dict[str, Any]) -> None:
+    """Coordinates follow the mechanism; renumbered loops are cut elsewhere, which leaves the order of the error."""
+    errors = []
+    for more in ({}, presented_as):
+        problem = problem_of(name, **more)
+        solver = present_solver(make_solver(GAUSS, {"stages": 2}), problem)
+        out = solver.solve(problem, StepControl(dt=0.01))
+        assert out.status is Status.SUCCESS, out.message
+        exact = present_solver(make_solver("dop853_joint"), problem).solve(problem, StepControl(rtol=1e-13))
+        errors.append(float(np.max(np.linalg.norm(out.states.r[-1] - exact.states.r[-1], axis=1))))
+    closeness = 10.0 if name == "four_bar_grid" and "renumber" in presented_as else 1.001
+    assert 1.0 / closeness < errors[1] / errors[0] < closeness
+
+
+@pytest.mark.parametrize("name", ["heavy_top", "chain", "bricard", "four_bar_grid"])
+@pytest.mark.parametrize("solver", [GAUSS, RATTLE])
+def test_reactions_are_the_judges_and_constraints_hold(solver: str, name: str) -> None:
+    """Newton and Euler leave no choice of the load of the joints in a state; phi and phi_dot are at rounding."""
+    problem = problem_of(name)
+    out: Trajectory = run(problem, SPAN[name] / (16 if solver == GAUSS else 64), solver)
+    system = problem.system
+    assert np.max(np.abs(constraint(system, out.states))) < 1e-12
+    assert np.max(np.abs(constraint_rate(system, out.states))) < 1e-11
+    assert out.reaction is not None
+    judge = index_1(system, out.states)
+    for k in range(len(out.t)):
+        load = (constraint_jacobian(system, out.states[k]).T @ out.reaction[k]).reshape(system.nb, 6)
+        assert np.max(np.abs(load - judge.load[k])) < 1e-10 * max(1.0, float(np.max(np.abs(judge.load[k]))))
+
+
+@pytest.mark.parametrize("solver", [GAUSS, RATTLE])
+def test_what_is_not_sound_is_said(solver: str) -> None:
+    """No rows without phi, no user forces; of dampers the order is claimed, not energy; no run beyond the rank."""
+    control = StepControl(dt=0.05)
+    assert "phi" in (make_solver(solver).refuses(make_problem("knife_edge"), control) or "")
+    pushed = dataclasses.replace(make_problem("heavy_top"), system=with_user_forces())
+    assert "user forces" in (make_solver(solver).refuses(pushed, control) or "")
+    damped = make_problem("damped_linkage", {"t_end": 0.1})
+    assert any("energy" in note for note in run(damped, 0.01, solver).notes)
+    out = make_solver(solver).solve(make_problem("bricard", {"t_end": 400.0}), StepControl(dt=0.02))
+    assert out.status is Status.STEP_UNDERFLOW
+    assert "rank" in out.message
+    assert "use rattle" in out.message
