@@ -37,8 +37,8 @@ def add_commands(commands: Any) -> None:
     """Add the parser of every subcommand."""
     for add in (
         _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_referee,
-        _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_bundle, _add_submit,
-        _add_ladder, _add_history, _add_figures,
+        _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_bundle,
+        _add_submit, _add_ladder, _add_history, _add_figures,
     ):  # fmt: skip
         add(commands)
 
@@ -146,16 +146,38 @@ def _add_referee(commands: Any) -> None:
     add_problem(p)
     p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files: docs/your-own-solver.md")
     p.add_argument("--name", metavar="NAME", help="name of the code in tables (default: that of the file or folder)")
+    _add_reading(p)
+    for name in ("dt", "rtol"):
+        help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
+        p.add_argument(f"--{name}", type=positive_float, metavar="X", help=help_)
+    p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
+    add_plugin(p)
+
+
+def _add_reading(p: argparse.ArgumentParser) -> None:
+    """How the columns of a file are read."""
     p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
     for name, choices in CHOICES.items():
         words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
         p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
-    for name in ("dt", "rtol"):
-        help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
-        p.add_argument(f"--{name}", type=positive_float, metavar="X", help=help_)
     tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
     p.add_argument("--start-tolerance", type=positive_float, metavar="X", help=tolerance)
-    p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
+
+
+def _add_shadow(commands: Any) -> None:
+    words = (
+        "find the true motion nearest to a computed one, and the modified energy of a fixed step; exit code 1 where "
+        "none is found within a tenth of the reach"
+    )
+    p = subcommand(commands, "shadow", words, "one object a finding")
+    p.add_argument("motion", metavar="RUN|FILE", help="run of --results, .npz of solve, or any file that referee reads")
+    p.add_argument("--problem", metavar="PROBLEM", help="problem of a file that does not come from solve")
+    add_set(p, "--problem-set", "its parameter")
+    p.add_argument("--t-end", type=positive_float, metavar="T", help="look no farther than this time [s]")
+    results = f"{RESULTS} with the run, which is repeated (default: the newest)"
+    p.add_argument("--results", default="latest", metavar="RESULTS", help=results)
+    p.add_argument("--html", metavar="FILE", help="also write findings and distances over time to one HTML page")
+    _add_reading(p)
     add_plugin(p)
 
 

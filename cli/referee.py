@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     given = [Path(f) for f in arguments.files]
     paths = [p for f in given for p in list_tables(f)]
     folder = None if arguments.into is None else open_results(_find_folder(arguments.into))
-    asked = _parse_settings(arguments, given[0])
+    asked = parse_settings(arguments, given[0])
     judged: list[RunRecord | FileError] = []
     for path in paths:
         try:
@@ -64,15 +64,16 @@ def _exit_code(one: RunRecord | FileError) -> int:
     return codes.get(Status(one.status), 1)
 
 
-def _parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
+def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
+    """How files are read, and by which name they go."""
     reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
     columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
     if len({"=" in c for c in columns}) > 1:
         raise UsageError("--columns takes OURS=THEIRS for each, or for a file without a header ours alone, in order")
-    if arguments.dt is not None and arguments.rtol is not None:
+    settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k, None)) is not None}
+    if len(settings) > 1:
         raise UsageError("give one of --dt and --rtol")
-    settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k)) is not None}
-    name = arguments.name or re.sub(r"[^\w.+-]+", "_", first.stem)
+    name = getattr(arguments, "name", None) or re.sub(r"[^\w.+-]+", "_", first.stem)
     return FileSettings(
         name, reading, columns, StepControl(**settings) if settings else None, arguments.start_tolerance
     )

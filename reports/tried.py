@@ -102,7 +102,7 @@ def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
 
 
 def image_of(draw: Callable[[], Figure]) -> str:
-    """What is drawn, as the address of an image that the page contains."""
+    """The address of a figure as an image that the page contains."""
     with tempfile.TemporaryDirectory() as place:
         (file,) = save(draw, Place(Path(place)), "chart", ("svg",))
         return "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()

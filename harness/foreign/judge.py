@@ -65,15 +65,7 @@ def judge_file(
     """The record of ``path``; with its series in ``folder``, if one is given. FileError where it cannot be judged."""
     if not NAME.fullmatch(given.name) or given.name in registry.solvers():
         raise FileError(f"the name must be letters, digits and . _ + -, and not that of a solver (got {given.name!r})")
-    positional = tuple(c for c in given.columns if "=" not in c)
-    renamed = {
-        theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in given.columns if "=" in c)
-    }
-    table = read_table(path, positional, renamed)
-    found = find_quantities(table, problem.system.body_names, renamed)
-    check_times(found, TIMES[given.reading.time], path)
-    motion = read_motion(found, given.reading)
-    notes = check_motion(problem, found, given.reading, motion, path, given.tolerance)
+    table, found, motion, notes = _read_file(problem, path, given)
     missing = [k for k in ("R", "v", "Omega") if motion.origin[k] is Origin.NONE]
     trajectory = _build_trajectory(problem, motion, path, missing)
     known = find_determined(problem, trajectory.states.at(slice(1)), missing)
@@ -98,6 +90,29 @@ def judge_file(
     record = dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
     store.write_record(folder, record)
     return record
+
+
+def read_trajectory(problem: Problem, path: Path, given: FileSettings) -> Trajectory:
+    """The motion in ``path``; FileError where poses or velocities are lacking."""
+    _, _, motion, _ = _read_file(problem, path, given)
+    if missing := [WORDS[k] for k in WORDS if motion.origin[k] is Origin.NONE]:
+        raise FileError(
+            f"{path}: it lacks {' and '.join(missing)}, or they cannot be differenced from rows so far apart"
+        )
+    return _build_trajectory(problem, motion, path, [])
+
+
+def _read_file(problem: Problem, path: Path, given: FileSettings) -> tuple[Table, Quantities, Motion, list[str]]:
+    positional = tuple(c for c in given.columns if "=" not in c)
+    renamed = {
+        theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in given.columns if "=" in c)
+    }
+    table = read_table(path, positional, renamed)
+    found = find_quantities(table, problem.system.body_names, renamed)
+    check_times(found, TIMES[given.reading.time], path)
+    motion = read_motion(found, given.reading)
+    notes = check_motion(problem, found, given.reading, motion, path, given.tolerance)
+    return table, found, motion, notes
 
 
 def open_results(folder: Path) -> Path:

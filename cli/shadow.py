@@ -1,0 +1,74 @@
+"""``shadow``: the true motion nearest to a computed one, and the modified energy of a fixed-step method."""
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+from ..harness.execution.run_file import read_run
+from ..harness.execution.solve_file import solve_to_file
+from ..harness.foreign.judge import read_trajectory
+from ..harness.results import store
+from ..harness.results.findings import Finding, state
+from ..harness.sandbox.trial import make_problem
+from ..harness.shadow.findings import describe_energy, describe_shadow
+from ..harness.shadow.modified_energy import find_modified_energy
+from ..harness.shadow.shadow import find_shadow
+from ..harness.types import Problem, Trajectory
+from .arguments import UsageError, check_writable, find_results, load_plugins, load_problem
+from .findings import print_findings
+from .referee import parse_settings
+from .show import find_run
+from .terminal import console
+from .verify import rebuild_spec
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the findings; return 0 where a shadow is found over the whole time within a tenth of the reach, else 1."""
+    if arguments.html:
+        check_writable(Path(arguments.html))
+    title, problem, trajectory = _read_motion(arguments)
+    shadow = find_shadow(problem, trajectory, arguments.t_end)
+    found = describe_shadow(shadow)
+    good = all(f.holds for f in found)
+    found += _describe_energy(problem, trajectory)
+    print_findings(found, *([] if arguments.json else [title]), json=arguments.json)
+    if arguments.html:
+        from ..reports.shadow import write_page
+
+        write_page(Path(arguments.html), title, found, problem.system.body_names, shadow)
+        if not arguments.json:
+            console().print(f"page: {arguments.html}")
+    return 0 if good else 1
+
+
+def _describe_energy(problem: Problem, trajectory: Trajectory) -> list[Finding]:
+    try:
+        return describe_energy(find_modified_energy(problem, trajectory))
+    except ValueError as error:
+        return [state("modified energy", f"not computed: {error}")]
+
+
+def _read_motion(arguments: argparse.Namespace) -> tuple[str, Problem, Trajectory]:
+    """A title, the problem and its motion, from a file or by repeating a run."""
+    path = Path(arguments.motion)
+    if arguments.problem is not None:
+        name, parameters, _ = load_problem(arguments)
+        problem = make_problem(name, parameters)
+        return f"{name} {path.name}", problem, read_trajectory(problem, path, parse_settings(arguments, path))
+    load_plugins(arguments.plugin)
+    if path.suffix == ".npz":
+        return _read_run(path)
+    if path.is_file():
+        raise UsageError(f"{path} does not name its problem; give it with --problem")
+    folder = find_results(arguments.results)
+    record = find_run(store.load(folder, check_series=False).records, arguments.motion)
+    with tempfile.TemporaryDirectory() as place:  # a results folder keeps thinned poses alone
+        again = Path(place) / "run.npz"
+        solve_to_file(rebuild_spec(record), again, None)
+        return _read_run(again)
+
+
+def _read_run(path: Path) -> tuple[str, Problem, Trajectory]:
+    record, trajectory = read_run(path)
+    return record.case, make_problem(record.problem, json.loads(record.problem_parameters)), trajectory

@@ -1,0 +1,1 @@
+"""The nearest true motion of a computed one, and the modified energy of a fixed-step method, from its trajectory."""

@@ -1,0 +1,87 @@
+"""Smallest corrections of the states at the ends of segments, by least squares that are linear in their number.
+
+Corrections z_k of node k are coordinates in an orthonormal basis of its tangent space, in the metric
+
+    |z|^2 = (xi^T H xi + tau^2 eta^T H eta) / M,     H the inertia, M the mass of the matter, xi = d(pose), eta = du
+
+the mean square over the matter of displacement and, times tau, of velocity [m^2]; the nodes count by the time they
+stand for, w_k. Continuity of the flow asks A_k z_k - z_k+1 = -gap_k: B z = -gap, B B^T tridiagonal by blocks.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import cho_factor, cho_solve
+
+from .equations import Equations
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Bases of the tangent spaces at nodes, and the coordinates of any small change of y in them."""
+
+    basis: Float[np.ndarray, "n ny m"]
+    coordinates: Float[np.ndarray, "n m ny"]
+
+    @staticmethod
+    def at(E: Equations, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], tau: float) -> "Frames":
+        """Orthonormal in the metric above, of changes that keep loops closed."""
+        T, H, slopes = E.frame(t, y)
+        n, nu = len(T), E.nu
+        root = np.swapaxes(np.linalg.cholesky(H / np.sum(E.system.mass)), 1, 2)
+        size = np.zeros((n, 2 * nu, 2 * nu))
+        size[:, :nu, :nu], size[:, nu:, nu:] = root, tau * root
+        unit = np.linalg.inv(size)
+        free = np.linalg.qr(np.swapaxes(slopes @ unit, 1, 2), mode="complete")[0][:, :, E.rows :]
+        basis, coordinates = unit @ free, np.swapaxes(free, 1, 2) @ size
+        back = np.swapaxes(T, 1, 2) / np.sum(T[0] ** 2, axis=0)[:, None]  # xi of a change of q: columns are orthogonal
+        return Frames(
+            np.concatenate((T @ basis[:, :nu], basis[:, nu:]), axis=1),
+            np.concatenate((coordinates[:, :, :nu] @ back, coordinates[:, :, nu:]), axis=2),
+        )
+
+    def measure(self, dy: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n m"]:
+        """Coordinates of ``dy``."""
+        return np.einsum("kij,kj->ki", self.coordinates, dy)
+
+    def move(self, z: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n ny"]:
+        """The change of y that has coordinates ``z``."""
+        return np.einsum("kij,kj->ki", self.basis, z)
+
+
+class Continuity:
+    """B and the factor of B W^-1 B^T."""
+
+    def __init__(self, A: Float[np.ndarray, "n m m"], w: Float[np.ndarray, " nodes"]) -> None:
+        self.A, self.w = A, w
+        self._factors: list[tuple[np.ndarray, bool]] = []
+        self._below: list[np.ndarray] = []
+        for k in range(len(A)):
+            S = A[k] @ A[k].T / w[k] + np.eye(A.shape[1]) / w[k + 1]
+            if k:
+                self._below.append(cho_solve(self._factors[-1], -A[k].T / w[k], check_finite=False))
+                S += A[k] @ self._below[-1] / w[k]
+            self._factors.append(cho_factor(S, lower=True, check_finite=False))
+
+    def apply(self, z: Float[np.ndarray, "nodes m"]) -> Float[np.ndarray, "n m"]:
+        """B z"""
+        return np.einsum("kij,kj->ki", self.A, z[:-1]) - z[1:]
+
+    def least(self, b: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "nodes m"]:
+        """The z of least sum of w_k |z_k|^2 with B z = b."""
+        x, n = b.copy(), len(b)
+        for k in range(1, n):
+            x[k] -= self._below[k - 1].T @ x[k - 1]
+        for k in reversed(range(n)):
+            x[k] = cho_solve(self._factors[k], x[k], check_finite=False)
+            if k < n - 1:
+                x[k] -= self._below[k] @ x[k + 1]
+        z = np.zeros((n + 1, b.shape[1]))
+        z[:-1] = np.einsum("kji,kj->ki", self.A, x)
+        z[1:] -= x
+        return z / self.w[:, None]
+
+    def size(self, z: Float[np.ndarray, "nodes m"]) -> float:
+        """Its norm [m]."""
+        return float(np.sqrt(np.sum(self.w[:, None] * z**2)))

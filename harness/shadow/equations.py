@@ -1,0 +1,126 @@
+"""Generated code of a mechanism in joint coordinates y = (q, u), each function for many states by one call.
+
+rate        y_dot of the motion, q_dot = T(q) u
+tangent     its derivative along a direction: the variational equations
+project     y onto unit quaternions, phi = 0 and phi_dot = 0: one Newton step of least change in kinetic energy
+frame       T, H of 2 T_kin = u^T H u, and the slopes of (phi, phi_dot) along (T xi, eta)
+bodies      r, R, v, Omega of all bodies in space
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from ...solvers.formulations.generated import Code
+from ...solvers.formulations.generated.code import print_functions
+from ...solvers.formulations.joint_coordinates import code as joint_code
+from ...solvers.formulations.joint_coordinates.tree import Tree
+from ...solvers.formulations.rows.kept import _texts
+from ..mechanics.state import States
+from ..mechanics.system import MultibodySystem
+
+if TYPE_CHECKING:
+    from ...solvers.formulations.generated import Loop
+
+VERSION = 2  # of kept code: raise it when ``_functions`` changes
+ARGUMENTS = {"about": 2, "rate": 4, "tangent": 5, "project": 4, "frame": 6, "bodies": 7}
+
+
+class Equations:
+    """The functions above on arrays with the states first; ValueError where no code can be made."""
+
+    def __init__(self, system: MultibodySystem, tree: Tree) -> None:
+        joint_code.make_code(system, tree)  # its refusals
+        self.system, self.tree = system, tree
+        self.ny, self.nu = tree.nq + tree.nu, tree.nu
+        key = f"shadow {VERSION}\0{_texts()}\0{joint_code._own_text()}\0{joint_code._digest(system, tree)}"
+        self._code = Code(lambda: print_functions(_functions(system, tree)), key)
+        self._functions = {name: self._code.function(name, n) for name, n in ARGUMENTS.items()}
+        about = np.zeros(1)
+        self._call("about", 1, about)
+        self.rows = int(about[0])  # of phi and phi_dot, independent
+        self.freedom = 2 * self.nu - self.rows
+
+    def _call(self, name: str, n: int, *arrays: np.ndarray) -> None:
+        count = np.array([n], dtype=np.int64)
+        self._functions[name](count.ctypes.data, *(a.ctypes.data for a in arrays))
+
+    def _map(self, name: str, t: np.ndarray, y: np.ndarray, *outputs: np.ndarray) -> None:
+        self._call(name, len(y), np.ascontiguousarray(t), np.ascontiguousarray(y), *outputs)
+
+    def rate(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n ny"]:
+        """y_dot."""
+        out = np.empty(y.shape)
+        self._map("rate", t, y, out)
+        return out
+
+    def tangent(
+        self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], Y: Float[np.ndarray, "n m ny"]
+    ) -> Float[np.ndarray, "n m ny"]:
+        """d(y_dot) along each of m directions at each state."""
+        x, Y = np.column_stack((t, y)), np.ascontiguousarray(Y)
+        first = np.repeat(np.arange(len(y), dtype=np.int64) * x.shape[1], Y.shape[1])
+        out = np.empty(Y.shape)
+        self._call("tangent", len(first), Y, x, first, out)
+        return out
+
+    def project(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n ny"]:
+        """One step towards the loops."""
+        out = np.empty(y.shape)
+        self._map("project", t, y, out)
+        return out
+
+    def frame(
+        self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]
+    ) -> tuple[Float[np.ndarray, "n nq nu"], Float[np.ndarray, "n nu nu"], Float[np.ndarray, "n rows two_nu"]]:
+        """T, H, and the slopes of rows."""
+        n, nu = len(y), self.nu
+        T, H, G = np.empty((n, nu, self.tree.nq)), np.empty((n, nu, nu)), np.empty((n, 2 * nu, self.rows))
+        self._map("frame", t, y, T, H, G)  # matrices by columns
+        return np.swapaxes(T, 1, 2), H, np.swapaxes(G, 1, 2)
+
+    def bodies(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> States:
+        """The motion of all bodies."""
+        shape = (len(y), self.system.nb, 3)
+        r, R, v, Omega = np.empty(shape), np.empty((*shape, 3)), np.empty(shape), np.empty(shape)
+        self._map("bodies", t, y, r, R, v, Omega)
+        return States(r, R, v, Omega, t)
+
+
+def _functions(system: MultibodySystem, tree: Tree) -> "dict[str, Loop]":
+    import casadi as ca
+
+    from ...solvers.formulations.generated import Loop
+
+    functions, _, _ = joint_code._functions(system, tree)
+    rate, finish, record = (functions[name] for name in ("accelerate", "finish", "record"))
+    t, y = rate.inputs
+    dy, x = ca.SX.sym("dy", y.numel()), ca.SX.sym("x", 1 + y.numel())
+    along = ca.substitute(ca.jtimes(rate.outputs[0], y, dy), ca.vertcat(t, y), x)
+    found = joint_code._equations(system, tree, t, y, [])
+    rows = [found.rows[k - found.first] for k in sorted(found.order.rows) if k >= found.first]
+    equations = [e for row in rows for e in (row.phi, row.rate) if not e.is_zero()]  # rows of velocities have no phi
+    nu = tree.nu
+    T = ca.jacobian(found.motion.q_dot(found.motion.u), y[tree.nq :])
+    slopes = ca.jacobian(ca.vertcat(ca.SX(0, 1), *equations), y) @ ca.diagcat(T, ca.SX.eye(nu))
+    H = ca.SX.zeros(nu, nu)
+    for k in range(nu):
+        for row, entry in found.K[k].items():
+            if row < nu:
+                H[row, k] = entry
+    still = [ca.SX.zeros(k.numel()) for k in record.inputs[2:]]
+    r, R, V = ca.substitute(list(record.outputs[:3]), list(record.inputs), [t, y, *still])
+    v, Omega = (ca.vertcat(*(V[6 * b + k : 6 * b + k + 3] for b in range(system.nb))) for k in (0, 3))
+
+    def of_state(*outputs: ca.SX) -> Loop:
+        return Loop(rows=[t, y], stored=[ca.densify(ca.vec(a)) for a in outputs])
+
+    return {
+        "about": Loop(stored=[ca.SX(len(equations))]),
+        "rate": of_state(rate.outputs[0]),
+        "tangent": Loop(rows=[dy], blocks=[x], stored=[ca.densify(along)]),
+        "project": of_state(finish.outputs[0]),
+        "frame": of_state(T, H, slopes),
+        "bodies": of_state(r, R, v, Omega),
+    }

@@ -1,0 +1,57 @@
+"""A shadow and a modified energy as findings."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..results.findings import Finding, Measured, compare, state
+from ..types import ACCURATE
+from .modified_energy import ModifiedEnergy
+from .shadow import GAP, Shadow
+
+SYMPLECTIC = 1e-10  # of the scale
+
+
+def describe_shadow(s: Shadow) -> list[Finding]:
+    """Where there is a true motion, how near it is, and how it starts."""
+    C = s.distance
+    at = f"at {s.t[int(np.argmax(np.max(C, axis=1)))]:.6g} s"
+    most = ACCURATE["accurate_until_s"] * s.reach
+    start = float(np.max(np.linalg.norm(s.given.v[0] - s.true.v[0], axis=1)))
+    numbers = (
+        ("rms distance of C", np.sqrt(np.mean(C**2)), "m"),
+        ("largest distance of a body's matter", np.max(s.matter), "m"),
+        ("rms distance of the matter", np.sqrt(np.mean(s.matter**2)), "m"),
+        ("distance of the starts", np.max(C[0]), "m"),
+        ("difference of velocities at the start", start, "m/s"),
+        ("energy of the shadow less that of the start", s.energy_shift, "J"),
+        ("metric: time that weighs velocities", s.tau, "s"),
+        ("segments", len(s.t) - 1, ""),
+        ("iterations", s.iterations, ""),
+        ("CPU time", s.cpu_s, "s"),
+    )
+    return [
+        state("true motion nearby", describe_extent(s), f"over {s.t_end:.6g} s", s.found),
+        _name("largest gap left", compare(s.gap, "m", most=GAP)),
+        _name("largest distance of C", compare(float(np.max(C)), "m", most=most, words=at, tested=s.until > 0.0)),
+        *(Finding(Measured(name, float(value), unit)) for name, value, unit in numbers if s.until > 0.0 or not unit),
+    ]
+
+
+def describe_extent(s: Shadow) -> str:
+    """How long a shadow was found, and where the first glitch is."""
+    where = f"{s.until:.6g} s{', in the plane' * s.in_plane}" if s.until > 0.0 else "no time"
+    return f"found over {where}" if s.found else f"found over {where}; a glitch near {s.glitch:.4g} s"
+
+
+def describe_energy(m: ModifiedEnergy) -> list[Finding]:
+    """The verdict ``symplectic to 1e-10 of the scale``, beside the swing of the energy itself."""
+    name = f"swing of the modified energy, differences of order {m.order}"
+    return [
+        _name(name, compare(m.swing / m.scale, "of the scale", most=SYMPLECTIC)),
+        Finding(Measured("swing of the energy", float(np.ptp(m.energy)) / m.scale, "of the scale")),
+    ]
+
+
+def _name(quantity: str, f: Finding) -> Finding:
+    return replace(f, measured=replace(f.measured, quantity=quantity))

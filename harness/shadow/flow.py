@@ -1,0 +1,81 @@
+"""The true flow over many short segments at once: DOP853, with as many equal steps a segment as it needs."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...solvers.formulations.methods.tableaux import DOPRI853
+from .equations import Equations
+
+TOLERANCE = 1e-12  # of a step, relative to 1 + |y|
+COARSER = 4  # steps of the flow to one of its tangents: 1e-12 becomes about 1e-5
+MOST_STEPS = 512  # a segment
+TOGETHER = 2**13  # numbers of tangents at a time, of which a step has twelve
+
+
+def flow(
+    E: Equations, t: Float[np.ndarray, " n"], h: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"],
+    steps: Int[np.ndarray, " n"],
+) -> Float[np.ndarray, "n ny"]:  # fmt: skip
+    """y at t + h; ``steps`` are doubled in place where they are too few. NaN where no number suffices."""
+    out, left = np.full_like(y, np.nan), np.arange(len(y))
+    while len(left):
+        again = []
+        for n in np.unique(steps[left]):
+            own = left[steps[left] == n]
+            z, error = _march(E, t[own], h[own] / n, y[own], int(n))
+            bad = ~(error < TOLERANCE)
+            out[own[~bad]] = z[~bad]
+            again.append(own[bad])
+        left = np.concatenate(again)
+        left = left[steps[left] < MOST_STEPS]
+        steps[left] *= 2
+    return out
+
+
+def tangents(
+    E: Equations, t: Float[np.ndarray, " n"], h: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"],
+    Y: Float[np.ndarray, "n m ny"], steps: Int[np.ndarray, " n"],
+) -> Float[np.ndarray, "n m ny"]:  # fmt: skip
+    """The directions ``Y`` at t, carried along to t + h."""
+    out = np.empty_like(Y)
+    few = -(-steps // COARSER)
+    size = max(1, TOGETHER // (Y.shape[1] * Y.shape[2]))
+    for n in np.unique(few):
+        group = np.flatnonzero(few == n)
+        for own in np.array_split(group, -(-len(group) // size)):
+            out[own] = _carry(E, t[own], h[own] / n, y[own], Y[own], int(n))
+    return out
+
+
+def _march(E: Equations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """After n steps, and the largest error of one."""
+    c, a, b, e = DOPRI853.c, DOPRI853.a, DOPRI853.b, DOPRI853.error
+    K = np.empty((len(b) + 1, *y.shape))
+    K[0] = E.rate(t, y)
+    worst = np.zeros(len(y))
+    with np.errstate(all="ignore"):
+        for step in range(n):
+            at = t + step * h
+            for i in range(1, len(b)):
+                K[i] = E.rate(at + c[i] * h, y + h[:, None] * np.tensordot(a[i, :i], K[:i], 1))
+            y = y + h[:, None] * np.tensordot(b, K[:-1], 1)
+            K[-1] = E.rate(at + h, y)
+            first, second = (np.mean((np.tensordot(x, K, 1) / (1.0 + np.abs(y))) ** 2, axis=1) for x in e)
+            norm = np.abs(h) * first / np.sqrt(first + 0.01 * second)
+            worst = np.maximum(worst, np.where(first > 0.0, norm, first))
+            K[0] = K[-1]
+    return y, worst
+
+
+def _carry(E: Equations, t: np.ndarray, h: np.ndarray, y: np.ndarray, Y: np.ndarray, n: int) -> np.ndarray:
+    c, a, b = DOPRI853.c, DOPRI853.a, DOPRI853.b
+    K, D = np.empty((len(b), *y.shape)), np.empty((len(b), *Y.shape))
+    for step in range(n):
+        at = t + step * h
+        for i in range(len(b)):
+            y_i = y + h[:, None] * np.tensordot(a[i, :i], K[:i], 1)
+            Y_i = Y + h[:, None, None] * np.tensordot(a[i, :i], D[:i], 1)
+            K[i], D[i] = E.rate(at + c[i] * h, y_i), E.tangent(at + c[i] * h, y_i, Y_i)
+        y = y + h[:, None] * np.tensordot(b, K, 1)
+        Y = Y + h[:, None, None] * np.tensordot(b, D, 1)
+    return Y

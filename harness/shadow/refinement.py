@@ -1,0 +1,115 @@
+"""The true motion nearest to a computed one: states at the ends of segments, refined until the true flow joins them.
+
+First the gaps are closed, by damped Gauss-Newton steps of smallest correction (error-oriented damping, Deuflhard 2004,
+sect. 4.4); then the motion is led along the true ones to the nearest, where the sum of squares has its least value.
+No shift of time is allowed: states are compared at the same times.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from .corrections import Continuity, Frames
+from .equations import Equations
+from .flow import flow, tangents
+
+CLOSED = 1e-10  # [m] in the metric, of the largest gap
+CONTRACTS = 0.1  # tangents are kept while a correction is smaller than the one before by this factor
+PROJECTIONS = 4
+LEAST_DAMPING = 1 / 64
+MOST_ITERATIONS = 20
+NEAREST = 1e-3  # of the distance: a change that counts no more
+
+
+class Refinement:
+    """Nodes of a motion on their way to a true one.
+
+    ``frames`` are those of the last linearisation: corrections and gaps are in these until the next one.
+    """
+
+    def __init__(
+        self, E: Equations, t: Float[np.ndarray, " nodes"], given: Float[np.ndarray, "nodes ny"], tau: float
+    ) -> None:
+        self.E, self.t, self.given, self.tau, self.iterations = E, t, given, tau, 0
+        self._h = np.diff(t)
+        w = 0.5 * (np.append(self._h, 0.0) + np.insert(self._h, 0, 0.0))
+        self._w = w / np.sum(w)
+        self._steps = np.ones(len(self._h), dtype=np.int64)
+        self._place(given)
+        self.frames = Frames.at(E, t, self.y, tau)
+
+    def _place(self, y: np.ndarray) -> None:
+        """Take ``y``, on the loops, with the jumps of the true flow from node to node."""
+        for _ in range(PROJECTIONS):
+            y = self.E.project(self.t, y)
+        self.y = y
+        ends = flow(self.E, self.t[:-1], self._h, y[:-1], self._steps)
+        self.jumps = ends - y[1:]
+
+    def _linearise(self) -> Continuity:
+        self.frames = Frames.at(self.E, self.t, self.y, self.tau)
+        directions = np.swapaxes(self.frames.basis[:-1], 1, 2)
+        Y = tangents(self.E, self.t[:-1], self._h, self.y[:-1], directions, self._steps)
+        return Continuity(self.frames.coordinates[1:] @ np.swapaxes(Y, 1, 2), self._w)
+
+    @property
+    def gaps(self) -> Float[np.ndarray, "n m"]:
+        """The jumps in coordinates."""
+        return np.einsum("kij,kj->ki", self.frames.coordinates[1:], self.jumps)
+
+    @property
+    def gap(self) -> float:
+        """The largest [m]; infinite where the flow breaks down."""
+        largest = float(np.max(np.linalg.norm(self.gaps, axis=1)))
+        return largest if np.isfinite(largest) else np.inf
+
+    def close(self) -> bool:
+        """Close the gaps; whether that succeeded."""
+        try:
+            return np.isfinite(self.gap) and self._close()
+        except np.linalg.LinAlgError:  # where the mechanism is singular
+            return False
+
+    def _close(self) -> bool:
+        linear = self._linearise()
+        for _ in range(MOST_ITERATIONS):
+            if self.gap < CLOSED or not np.isfinite(self.gap):
+                break
+            self.iterations += 1
+            z = linear.least(-self.gaps)
+            size, after, y, damping = linear.size(z), np.inf, self.y, 1.0
+            while not (after <= (1.0 - damping / 4.0) * size or self.gap < CLOSED):
+                if damping < LEAST_DAMPING:
+                    return False
+                self._place(y + damping * self.frames.move(z))
+                after = linear.size(linear.least(-self.gaps)) if np.isfinite(self.gap) else np.inf
+                damping *= 0.5
+            linear = linear if after < CONTRACTS * size else self._linearise()
+        return self.gap < CLOSED
+
+    def approach(self) -> None:
+        """Move a closed motion to the nearest one, as far as that makes it nearer."""
+        for _ in range(MOST_ITERATIONS):
+            linear = self._linearise()
+            away = self.frames.measure(self.y - self.given)
+            along = linear.least(linear.apply(away)) - away
+            before, y, damping = linear.size(away), self.y, 1.0
+            if linear.size(along) < NEAREST * before:
+                return
+            while not self._step(linear, y + damping * self.frames.move(along), before):
+                damping *= 0.5
+                if damping < LEAST_DAMPING:
+                    self._place(y)
+                    return
+
+    def _step(self, linear: Continuity, y: np.ndarray, before: float) -> bool:
+        """Take ``y`` with its gaps closed by the tangents at hand; whether it is nearer than ``before``."""
+        self._place(y)
+        self.iterations += 1
+        last = np.inf
+        while self.gap >= CLOSED:
+            z = linear.least(-self.gaps)
+            if not linear.size(z) < 0.5 * last:
+                return False
+            last = linear.size(z)
+            self._place(self.y + self.frames.move(z))
+        return linear.size(self.frames.measure(self.y - self.given)) < before

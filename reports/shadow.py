@@ -1,0 +1,59 @@
+"""The page of ``mbsbench shadow``: findings, and how far the computed motion is from the true one over time."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader
+
+from ..harness.files import write_text
+from ..harness.results import environment
+from ..harness.results.findings import Finding
+from ..harness.shadow.shadow import Shadow
+from .plots.palette import Look
+from .plots.printed import figure
+from .plots.spec import Axis, Plot, Trace
+from .tried import TEMPLATES, Chart, image_of
+
+COLOURS = ("#3D62C7", "#62AF96", "#E08906", "#BB3939", "#A499CF")  # of as many bodies
+PATHS = 3  # bodies whose paths are drawn: the first, the middle and the last
+NOTE = (
+    "A shadow is computed, not proved: its gaps are below the stated size by an accurate integrator, in double "
+    "precision. It is the nearest by least squares, at the same times: no shift of time is allowed."
+)
+
+
+def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence[str], s: Shadow) -> None:
+    """Write ``path``."""
+    template = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("tried.html")
+    t = Axis("t", "s", symbol="t")
+    gap = Axis("|C − C shadow|", "m", log=True, symbol=r"|C - C_{\rm shadow}|")
+    colours = {names[b]: Look(COLOURS[k], "o") for k, b in enumerate(_spread(len(names), len(COLOURS)))}
+    lines = [Trace(name, s.t, s.distance[:, names.index(name)], name) for name in colours]
+    across, up = np.argsort(-np.ptp(s.given.r.reshape(-1, 3), axis=0))[:2]
+    curves = []
+    for name in (names[k] for k in _spread(len(names), PATHS)):
+        for words, states, dash in (("computed", s.given, 0), ("true", s.true, 1)):
+            r = states.r[:, names.index(name)]
+            curves.append(Trace(f"{name}, {words}", r[:, across], r[:, up], name, dash=dash))
+    looks = colours | {t.solver: colours.get(t.solver, Look(COLOURS[0], "o")) for t in curves}
+    distances = Plot("distance", "Distance of C", "", t, gap, lines)
+    paths = Plot("paths", "Paths of C", "", Axis("XYZ"[across], "m"), Axis("XYZ"[up], "m"), curves)
+    charts = [
+        Chart(
+            "Distance of each centre of mass from that of the shadow.", image_of(partial(figure, [distances], looks))
+        ),
+        Chart("Paths of centres of mass: computed, and true (dashed).", image_of(partial(figure, [paths], looks))),
+    ]
+    stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
+    write_text(path, template.render(
+        solver=title, summary=found[0].measured.text, findings=found, charts=charts, card=SimpleNamespace(facts=()),
+        stamp=stamp,
+    ))  # fmt: skip
+
+
+def _spread(n: int, most: int) -> list[int]:
+    """Up to ``most`` of n bodies, from the first to the last."""
+    return sorted(set(np.linspace(0, n - 1, most).round().astype(int).tolist()))

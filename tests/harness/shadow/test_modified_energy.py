@@ -1,0 +1,50 @@
+"""The modified energy against a closed form, and of methods that are symplectic or not."""
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.results.findings import Verdict
+from mbsbench.harness.shadow.findings import describe_energy
+from mbsbench.harness.shadow.modified_energy import find_modified_energy
+from mbsbench.harness.types import Problem, StepControl, Trajectory
+
+from .test_shadow import OMEGA, oscillator
+
+
+def run(problem: Problem, solver: str, **step: float) -> Trajectory:
+    """The motion, not measured."""
+    return registry.make_solver(solver).solve(problem, StepControl(**step))
+
+
+def test_leapfrog_keeps_the_modified_energy_of_the_oscillator():
+    """H = theta / sin theta (p^2 + omega^2 (1 - h^2 omega^2 / 4) q^2) / 2, cos theta = 1 - h^2 omega^2 / 2."""
+    problem, h = oscillator(), 0.02
+    found = find_modified_energy(problem, run(problem, "rattle", dt=h))
+    start, m = problem.initial, problem.system.mass[0]
+    theta = np.arccos(1.0 - 0.5 * (h * OMEGA) ** 2)
+    size = np.sum(start.v**2) + OMEGA**2 * (1.0 - 0.25 * (h * OMEGA) ** 2) * np.sum(start.r**2)
+    assert np.allclose(found.values, 0.5 * m * theta / np.sin(theta) * size, rtol=1e-12)
+    assert np.ptp(found.energy) > 1e6 * found.swing
+
+
+@pytest.mark.parametrize(
+    ("solver", "verdict"), [("rattle", Verdict.MET), ("generalized_alpha", Verdict.FAILED), ("rk45_strong_form", None)]
+)
+def test_verdict_tells_symplectic_methods(solver, verdict):
+    """RATTLE has a modified energy; a dissipative method has none, and varying steps have no such method."""
+    problem = registry.make_problem("simple_pendulum", {"t_end": 4.0})
+    trajectory = run(problem, solver, **({"rtol": 1e-8} if verdict is None else {"dt": 2e-3}))
+    if verdict is None:
+        with pytest.raises(ValueError, match="fixed step"):
+            find_modified_energy(problem, trajectory)
+    else:
+        assert describe_energy(find_modified_energy(problem, trajectory))[0].verdict is verdict
+
+
+def test_bodies_that_nutate_are_refused():
+    """Their free motion between two rows is no rotation about one axis."""
+    problem = registry.make_problem("heavy_top", {"t_end": 0.1})
+    trajectory = run(problem, "rattle", dt=1e-3)
+    with pytest.raises(ValueError, match="principal axes"):
+        find_modified_energy(problem, trajectory)
