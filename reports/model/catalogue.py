@@ -30,6 +30,11 @@ def about_solver(name: str) -> str:
     return " ".join(filter(None, dict.fromkeys([_summary(whole), *(_summary(n) for n in named[:1])])))
 
 
+def is_engine(name: str) -> bool:
+    """Whether a solver is other people's code."""
+    return bool(_source(f"solvers/engines/{name}.py"))
+
+
 def about_problem(name: str) -> str:
     """What moves, in its file's first sentence; empty for a plug-in."""
     source = _source(f"problems/{name}.py")

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from .accuracy import Measure, measure_for
+from .catalogue import is_engine
 from .results import Results, Run, Variant, grouped
 from .variants import presentation
 
-TARGETS = tuple(10.0**-k for k in range(1, 10))  # in the unit of the problem's error
+TARGETS = tuple(10.0**-k for k in range(1, 12))  # in the unit of the problem's error
 SOUND = ("success", "inaccurate")
 LEAST = 2  # solvers that reach a target: fewer are no comparison
 
@@ -30,6 +31,12 @@ class Place:
     reach: Reach
     factor: float
 
+    @property
+    def spread(self) -> float:
+        """Largest CPU time of the run's repeats over the least."""
+        r = self.reach.run.record
+        return r.cpu_max_s / r.cpu_min_s if r.cpu_min_s > 0.0 else math.nan
+
 
 @dataclass(frozen=True)
 class Frontier:
@@ -47,6 +54,11 @@ class Frontier:
     def next_factor(self) -> float:
         """CPU of the second over that of the first."""
         return self.places[1].factor
+
+    @property
+    def is_led_by_engine(self) -> bool:
+        """Whether the cheapest is other people's code."""
+        return is_engine(self.places[0].reach.run.record.solver)
 
 
 def frontiers(results: Results) -> list[Frontier]:
@@ -67,6 +79,12 @@ def broad(results: Results, found: Sequence[Frontier]) -> list[Frontier]:
     """Those that at least half of the solvers took part in: a cheapest of two is no cheapest of all."""
     least = 0.5 * len(results.solvers)
     return [f for f in found if len(f.places) + len(f.missed) + len(f.refused) >= least]
+
+
+def engines_first(found: Sequence[Frontier]) -> list[Frontier]:
+    """Variants on which an engine leads at some error, then the others."""
+    led = {f.variant for f in found if f.is_led_by_engine}
+    return sorted(found, key=lambda f: f.variant not in led)
 
 
 def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:

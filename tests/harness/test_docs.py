@@ -41,7 +41,8 @@ def test_what_a_page_names_exists(page):
 
 
 def test_all_pages_together_keep_to_the_budget():
-    texts = {p.name: GENERATED_PARTS.sub("", p.read_text(encoding="utf-8")) for p in PAGES if p.name not in (GENERATED, SPECIFICATION)}
+    pages = [p for p in PAGES if p.name not in (GENERATED, SPECIFICATION)]
+    texts = {p.name: GENERATED_PARTS.sub("", p.read_text(encoding="utf-8")) for p in pages}
     counts = {name: len(text.split()) for name, text in texts.items()}
     assert sum(counts.values()) <= WORDS, sorted(counts.items(), key=lambda c: -c[1])
 

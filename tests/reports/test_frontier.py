@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from mbsbench.reports import site
 from mbsbench.reports.model.followed import followed
-from mbsbench.reports.model.frontier import frontiers, of_most_problems
+from mbsbench.reports.model.frontier import engines_first, frontiers, of_most_problems
 from mbsbench.reports.model.results import Run, Variant, read_results
 from mbsbench.reports.model.scores import finest, score, standings, unpredictable
 from mbsbench.reports.model.variants import OTHER_PARAMETERS, broadest, themselves, variant_groups
@@ -53,6 +53,18 @@ def test_who_misses_and_who_refuses_is_said(tmp_path):
     assert [p.reach.run.record.solver for p in found[1e-6].places] == ["alpha", "beta"]
     assert found[1e-6].missed == ("delta", "gamma")
     assert [r.record.message for r in found[1e-6].refused] == ["no springs"]
+
+
+def test_variants_on_which_an_engine_leads_come_first(tmp_path):
+    """Losses are shown before wins; the spread is that of the repeats of the run that reaches the error."""
+    ladder(tmp_path, "rattle", 4.0, 1e-3, problem="arm", cpu_min_s=1.0, cpu_max_s=1.5)
+    ladder(tmp_path, "gc_weak_form", 4.0, 2e-3, problem="arm")
+    for solver, cost in (("mujoco", 1e-3), ("radau_ggl", 2e-3)):
+        ladder(tmp_path, solver, 4.0, cost, problem="bar")
+    found = [f for f in engines_first(frontiers(read_results(tmp_path))) if f.target == 1e-3]
+    assert [f.places[0].reach.run.record.solver for f in found] == ["mujoco", "rattle"]
+    assert [f.is_led_by_engine for f in found] == [True, False]
+    assert found[1].places[0].spread == pytest.approx(1.5)
 
 
 def test_a_coarsest_run_below_the_error_is_a_bound(tmp_path):

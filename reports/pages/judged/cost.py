@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from ....harness.results.judgements.files import WORK
-from ...model.frontier import Frontier, broad, of_most_problems
+from ...model.frontier import Frontier, broad, engines_first, of_most_problems
 from ...model.growth import growths_of
 from ...model.results import Results, grouped
 from ...model.words import decade, plural
@@ -37,7 +37,7 @@ def write(results: Results, site: Site) -> Page | None:
         plots=[*profile_plots, *(p for _, own in found for p in own.values()), *sizes], why=work.why,
         errors=[(k, *e) for k, e in ERRORS.items()], works=kinds, fields=found, profiles=(*profile, *default),
         profile_plots=profile_plots, named=named, work_at=work_at, title=title(cheapest), worked=WORKED,
-        cheapest=grouped(cheapest, lambda f: f.variant), grown=grown, sizes=sizes,
+        cheapest=grouped(engines_first(cheapest), lambda f: f.variant), grown=grown, sizes=sizes,
     )  # fmt: skip
 
 

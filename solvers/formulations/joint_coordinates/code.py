@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 MOST_OPERATIONS = 30_000
 SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are written out
-FEW, LEAST_OF_A_BALL = 3, 150  # operations that an entry of H, and a ball, take at least
 
 
 MOST_LOADED = 8  # codes that a process keeps: the last ones
@@ -79,16 +78,6 @@ def too_large(operations: int) -> str:
         f"writes code for the mechanism, up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or "
         "more): use rkmk_dop853"
     )
-
-
-def least_operations(tree: Tree) -> int:
-    """Fewer than code has: entries of H between balls, and what each of these takes."""
-    depth = {GROUND: 0}
-    total = 0
-    for limb in tree.limbs:
-        depth[limb.body] = limb.sizes[1] + (0 if limb.ball else depth[limb.parent])
-        total += FEW * limb.sizes[1] * depth[limb.body] + LEAST_OF_A_BALL * limb.ball
-    return total
 
 
 def _print(system: MultibodySystem, tree: Tree) -> str:

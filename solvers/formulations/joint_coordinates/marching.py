@@ -1,8 +1,8 @@
 """DOP853 on the coordinates of a tree, error-controlled, each accepted step projected onto its loops (compiled).
 
-A step is rejected where a pivot of any of its evaluations falls to ``LEAST_PIVOT`` of its start, as it does where the
-rank of the rows changes, or to ``LEAST_AT_END`` where it is projected, or where rows that were left out open there. A
-step that is cut ``MOST_CUTS`` times is left to the kernel, and so is the rest of the run.
+A step is rejected where a pivot of any of its evaluations falls to ``LEAST_IN_STAGES`` of its start, as it does where
+the rank of the rows changes, or to ``LEAST_PIVOT`` where it is projected, or where rows that were left out open there:
+a shorter one steps over most passages. Where a step is cut ``MOST_CUTS`` times, the kernel takes over for good.
 """
 
 import dataclasses
@@ -22,10 +22,11 @@ from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
-from .code import MOST_OPERATIONS, least_operations, make_code, too_large
+from .code import MOST_OPERATIONS, make_code, too_large
+from .counting import least_operations
 from .tree import spanning_tree
 
-LEAST_PIVOT, LEAST_AT_END = 1e-6, 1e-4  # over their values at the start, in stages and where a step is projected
+LEAST_PIVOT, LEAST_IN_STAGES = 1e-5, 1e-8  # over its value at the start: where a step is projected, and before
 OPEN = 1e-6  # of the size of the mechanism: rows that were left out
 MOST_CUTS = 10
 NEAR = 10.0  # as an error: a step that comes too near is cut to two thirds
@@ -190,7 +191,7 @@ class Marcher:
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(
             state, given, tableau.a, tableau.b, tableau.c, tableau.error, start, y, y_dot, after, slopes, sums, error,
-            least, guard, np.array([LEAST_PIVOT, LEAST_AT_END, OPEN * (reach or 1.0), 0.0]),
+            least, guard, np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), 0.0]),
             *(program.entry for program in self._programs),
         )  # fmt: skip
         one = step_at_once if self.code.is_small else step
@@ -271,7 +272,7 @@ def refusal(problem: Problem) -> str | None:
     """Why no code can be made of a problem, as far as that is known beforehand."""
     if len(problem.system.user_i):
         return "writes out declared forces only, no user forces: use rkmk_dop853"
-    operations = least_operations(spanning_tree(problem.system, problem.initial))
+    operations = least_operations(problem.system, problem.initial)
     return too_large(operations) if operations > MOST_OPERATIONS else None
 
 

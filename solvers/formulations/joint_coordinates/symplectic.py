@@ -26,13 +26,14 @@ from . import marching
 from .code import make_code
 from .collocation import DEPTH, Tableau
 from .hamilton import make_hamilton_code
-from .marching import LEAST_PIVOT, OPEN, Bodies
+from .marching import OPEN, Bodies
 from .tree import spanning_tree
 
 MOST_SWEEPS = 60
 LOOSE = 1e-9  # larger changes are no rounding
 ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
 CALLS = ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")
+LEAST_PIVOT = 1e-6  # of the start's
 FASTEST = 1e-2  # assumed convergence of a sweep, at best
 
 

@@ -1,7 +1,10 @@
 """Suites expand into runs, and every wrong one is told in one line with its place."""
 
+from collections import Counter
+
 import pytest
 
+from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.files import FileError
@@ -220,3 +223,13 @@ def test_bench_has_a_ladder_of_every_solver_on_every_problem_of_the_paper():
     assert len(compared) == 5 * 19
     few = {pair for pair in compared if max(map(len, settings[pair].values())) < 5}
     assert few == {("four_bar_grid", "gc_weak_form")}
+
+
+def test_the_frontier_has_every_problem_and_ladders_of_six_settings():
+    """A ladder of fewer settings leaves gaps where costs are read between two runs."""
+    found = load_suite("frontier").specs
+    assert {s.problem for s in found} == {name for name in registry.problems() if registry.is_own_problem(name)}
+    ladders = Counter((s.problem, s.solver, str(s.parameters), str(s.options)) for s in found)
+    assert min(ladders.values()) >= 6
+    assert "dop853_joint" in {s.solver for s in found}
+    assert max(s.cpu_limit for s in found) <= 8.0

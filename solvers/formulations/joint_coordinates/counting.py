@@ -1,0 +1,69 @@
+"""How many operations code of a mechanism has at least, from numbers at the start: known before any is made.
+
+Entries that happen to be zero at the start make the elimination look shorter than it is: a product counts for six
+operations, below the 8 to 40 that grids, platforms and linkages have.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from ....harness.mechanics.jacobian import constraint_jacobian
+from ....harness.mechanics.state import State
+from ....harness.mechanics.system import GROUND, MultibodySystem
+from .elimination import Matrix, NoInertia, find_order
+from .tree import Tree, snapped, spanning_tree
+
+OF_AN_ENTRY, OF_A_BALL, OF_A_BODY, OF_A_PRODUCT = 3, 150, 30, 6  # of H; and of the elimination
+MOST_BODIES = 1000  # these alone take ``OF_A_BODY`` each
+
+
+def least_operations(system: MultibodySystem, start: State) -> int:
+    """Fewer than code has: of bodies, of entries of H between balls, of the elimination where no ball can be opened."""
+    if system.nb > MOST_BODIES:
+        return OF_A_BODY * system.nb
+    tree, depth, total = spanning_tree(system, start), {GROUND: 0}, 0
+    for limb in tree.limbs:
+        depth[limb.body] = limb.sizes[1] + (0 if limb.ball else depth[limb.parent])
+        total += OF_AN_ENTRY * limb.sizes[1] * depth[limb.body] + OF_A_BALL * limb.ball
+    if not tree.cuts or any(limb.ball and limb.parent != GROUND for limb in tree.limbs):
+        return total
+    try:
+        products = find_order(_matrix(system, tree, start), tree.nu).products
+    except NoInertia:
+        return total
+    return OF_A_BODY * system.nb + OF_A_PRODUCT * products
+
+
+def _matrix(system: MultibodySystem, tree: Tree, start: State) -> Matrix:
+    """[[H, J^T], [J, 0]] at the start."""
+    T = _velocities(system, tree)
+    v, Omega = T[:, :3], T[:, 3:]
+    H = np.einsum("b,bix,biy->xy", system.mass, v, v, optimize=True)
+    H += np.einsum("bij,bix,bjy->xy", system.regular_inertia, Omega, Omega, optimize=True)
+    rows = np.concatenate([np.arange(system.row_start[k], system.row_start[k + 1]) for k in tree.cuts])
+    J = np.asarray(constraint_jacobian(system, start)[rows] @ T.reshape(-1, tree.nu))
+    H, J = snapped(H), snapped(J)
+    K: Matrix = {k: {int(u): float(column[u]) for u in np.flatnonzero(column)} for k, column in enumerate(H)}
+    for k, row in enumerate(J, tree.nu):
+        K[k] = {int(u): float(row[u]) for u in np.flatnonzero(row)}
+        for u, entry in K[k].items():
+            K[u][k] = entry
+    return K
+
+
+def _velocities(system: MultibodySystem, tree: Tree) -> Float[np.ndarray, "nb 6 nu"]:
+    """v in space and Omega of each body for a unit of each velocity of the tree."""
+    T, out = np.zeros((system.nb + 1, 6, tree.nu)), np.zeros((system.nb, 6, tree.nu))
+    centre = np.zeros((system.nb + 1, 3))
+    for limb in tree.limbs:
+        b, p, ns, own = limb.body, limb.parent, len(limb.slides), T[limb.body]
+        centre[b] = limb.centre
+        own[3:] = 0.0 if limb.ball else T[p, 3:]
+        at = limb.u_at + ns
+        turns = np.eye(3) if limb.ball else limb.turns
+        own[3:, at : at + len(turns)] = turns.T
+        own[:3] = T[p, :3] + np.cross(T[p, 3:], limb.arm - centre[p], axisa=0, axisc=0)
+        own[:3] += np.cross(own[3:], limb.centre, axisa=0, axisc=0)
+        own[:3, limb.u_at : at] += limb.slides.T
+        out[b] = np.concatenate((tree.base.T @ own[:3], tree.frames[b].T @ own[3:]))
+    return out
