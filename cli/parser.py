@@ -7,9 +7,12 @@ from ..harness.catalogue.options import nearest
 
 WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
 GROUPS = {  # of commands, in the order of --help
-    "run": "solve run advise", "look": "list show report figures history", "put yours in": "check try referee shadow export submit ladder",
-    "judge": "judge claim gate", "keep results": "verify diff merge bundle",
-}  # fmt: skip
+    "run": "solve run advise",
+    "look": "list show report figures history",
+    "put yours in": "check try referee shadow export submit ladder",
+    "judge": "judge claim gate",
+    "keep results": "verify diff merge bundle",
+}
 MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."
 
 
