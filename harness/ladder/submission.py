@@ -26,6 +26,7 @@ from ..execution.presenting import bring_home
 from ..execution.run import Send, store_outcome
 from ..execution.worker import SOFT
 from ..files import write_text
+from ..places import Place
 from ..reference import orbit
 from ..results import codes, environment, records, store
 from ..results.environment import ROOT, THREADS

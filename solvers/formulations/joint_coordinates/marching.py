@@ -237,7 +237,8 @@ class Relay:
     def __init__(self, problem: Problem, code: Marcher) -> None:
         self.state, self.kernel, self.reaction = code.state, code.kernel, code.reaction
         self.set_up, self.notes = 0.0, list[str]()
-        self._problem, self._code, self._runner = problem, code, code  # type: ignore[var-annotated]
+        self._problem, self._code = problem, code
+        self._runner: Marcher | kernel.Marcher = code
 
     def stretch(self, n: int) -> Record:
         """Up to ``n`` steps, reactions as the system has them."""
