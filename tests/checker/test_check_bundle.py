@@ -1,0 +1,181 @@
+"""The independent checker agrees with honest bundles, finds planted changes and refuses hostile files in one line."""
+
+import hashlib
+import importlib.util
+import io
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PROGRAM = Path(__file__).resolve().parents[2] / "checker" / "check_bundle.py"
+SPEC = importlib.util.spec_from_file_location("check_bundle", PROGRAM)
+checker = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(checker)
+
+SUITE = """name = "checked"
+[[runs]]
+problem = "heavy_top"
+parameters = { t_end = 0.2 }
+solver = ["gc_weak_form", "rk45_strong_form"]
+dt = [0.002, 0.02]
+rtol = 1e-6
+[[runs]]
+problem = "torque_free_body"
+parameters = { t_end = 0.5 }
+solver = "rk45_strong_form"
+rtol = [1e-4, 1e-6]
+"""
+
+
+@pytest.fixture(scope="module")
+def bundles(tmp_path_factory):
+    """A thinned and a lossless bundle of five short runs."""
+    folder = tmp_path_factory.mktemp("checked")
+    (folder / "suite.toml").write_text(SUITE)
+    command = Path(sys.executable).parent / "mbsbench"
+    run = ["run", folder / "suite.toml", "--out", folder / "results", "--lossless", "--jobs", "1"]
+    subprocess.run([command, *run], check=True, capture_output=True)
+    for name, options in (("thin", []), ("lossless", ["--lossless"])):
+        bundle = ["bundle", folder / "results", "-o", folder / f"{name}.zip", *options]
+        subprocess.run([command, *bundle], check=True, capture_output=True)
+    return {name: folder / f"{name}.zip" for name in ("thin", "lossless")}
+
+
+def read(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def write(path, files):
+    """Write the files with a manifest that fits them."""
+    files = {name: raw for name, raw in files.items() if name != "manifest-sha256.txt"}
+    lines = [f"{hashlib.sha256(raw).hexdigest()}  {name}\n" for name, raw in files.items()]
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, raw in (files | {"manifest-sha256.txt": "".join(lines).encode()}).items():
+            archive.writestr(name, raw)
+    return path
+
+
+def change_array(files, vector, layout, key, function):
+    """Replace an array within a vector by a function of it."""
+    values = np.load(io.BytesIO(files[vector]))
+    offset, shape = layout[key]
+    part = slice(offset, offset + int(np.prod(shape)))
+    values[part] = function(values[part])
+    stream = io.BytesIO()
+    np.save(stream, values)
+    files[vector] = stream.getvalue()
+
+
+def change_record(files, key, function):
+    records = json.loads(files["records.json"])
+    records[0][key] = function(records[0][key])
+    files["records.json"] = json.dumps(records).encode()
+
+
+def change_state(files, key, function):
+    run = json.loads(files["runs.json"])[0]
+    change_array(files, f"runs/{run['run_id']}.npy", run["arrays"], key, function)
+
+
+def change_problem(files, function):
+    name = f"problems/{json.loads(files['runs.json'])[0]['problem']}.json"
+    problem = json.loads(files[name])
+    function(problem)
+    files[name] = json.dumps(problem).encode()
+
+
+def change_reference(files):
+    key = json.loads(files["runs.json"])[0]["problem"]
+    layout = json.loads(files[f"problems/{key}.json"])["reference_arrays"]
+    change_array(files, f"references/{key}.npy", layout, "v", lambda v: v + 1e-3)
+
+
+PLANTED = {
+    "a number": lambda files: change_record(files, "energy_drift_max_J", lambda x: x / 2 + 1e-6),
+    "the status": lambda files: change_record(files, "status", lambda x: "wrong" if x != "wrong" else "success"),
+    "velocities": lambda files: change_state(files, "state_v", lambda v: 1.001 * v + 1e-6),
+    "poses": lambda files: change_state(files, "state_r", lambda r: r + 1e-6),
+    "rotations": lambda files: change_state(files, "state_R", lambda R: R * (1 + 1e-6)),
+    "a mass": lambda files: change_problem(
+        files, lambda p: p["numbers"]["mass"].append(1.01 * p["numbers"]["mass"].pop())
+    ),
+    "the reference": change_reference,
+}
+
+
+@pytest.mark.parametrize("kind", ["thin", "lossless"])
+def test_honest_bundles_agree(bundles, kind):
+    report = checker.check_bundle(bundles[kind])
+    assert report.findings == []
+    assert report.runs == 5 and report.numbers > 100
+
+
+@pytest.mark.parametrize("kind", ["thin", "lossless"])
+@pytest.mark.parametrize("change", PLANTED)
+def test_a_planted_change_is_found(bundles, tmp_path, change, kind):
+    files = read(bundles[kind])
+    assert checker.check(write(tmp_path / "same.zip", files)) == []
+    PLANTED[change](files)
+    findings = checker.check(write(tmp_path / "b.zip", files))
+    assert findings and not findings[0].startswith("unreadable")
+
+
+def test_a_removed_file_or_a_wrong_digest_is_refused(bundles, tmp_path):
+    files = read(bundles["thin"])
+    with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
+        for name, raw in files.items():
+            archive.writestr(name, raw + b" " if name == "suite.toml" else raw)
+    assert "suite.toml differs" in checker.check(tmp_path / "b.zip")[0]
+    del files[next(name for name in files if name.startswith("problems/"))]
+    assert checker.check(write(tmp_path / "b.zip", files))[0].startswith("unreadable")
+
+
+def pickle_of_objects():
+    stream = io.BytesIO()
+    np.save(stream, np.array([{}], dtype=object), allow_pickle=True)
+    return stream.getvalue()
+
+
+HEADER = b"\x93NUMPY\x01\x00v\x00"
+HUGE = HEADER + b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000000,), }".ljust(117) + b"\n"
+HOSTILE = {
+    "deep": {"records.json": b"[" * 1_000_000},
+    "huge": {"records.json": b"[" + b"[]," * 4_000_000 + b"[]]"},
+    "parent": {"runs/../../x.npy": b""},
+    "extra": {"runs/x.exe": b""},
+    "bomb": {"suite.toml": b"\0" * 20_000_000, "records.json": b" " * 20_000_000},
+    "no list": {"runs.json": b"{}"},
+    "repeated key": {"bundle.json": b'{"format": 1, "format": 2}'},
+}
+
+
+@pytest.mark.parametrize("name", [*HOSTILE, "pickle", "shape", "negative", "text", "nan", "duplicate", "link"])
+def test_hostile_files_end_in_one_line(bundles, tmp_path, name):
+    files, path = read(bundles["thin"]), tmp_path / "b.zip"
+    run = json.loads(files["runs.json"])[0]
+    vector = f"runs/{run['run_id']}.npy"
+    if name in HOSTILE:
+        files |= HOSTILE[name]
+    elif name in {"pickle", "shape"}:
+        files[vector] = pickle_of_objects() if name == "pickle" else HUGE
+    elif name == "negative":
+        files["runs.json"] = files["runs.json"].replace(b'"state_t": [0', b'"state_t": [-1')
+        files["runs.json"] = files["runs.json"].replace(b'"state_t":[0', b'"state_t":[-1')
+    elif name == "nan":
+        change_problem(files, lambda p: p["numbers"].update(mass=[float("nan")]))
+    write(path, files)
+    if name == "text":
+        path.write_bytes(b"PK\5\6" * 30)
+    elif name in {"duplicate", "link"}:
+        with zipfile.ZipFile(path, "a") as archive:
+            entry = zipfile.ZipInfo("suite.toml" if name == "duplicate" else "runs/link.npy")
+            entry.external_attr = (0o120777 if name == "link" else 0o100644) << 16
+            archive.writestr(entry, "x")
+    ended = subprocess.run([sys.executable, PROGRAM, path], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr, ended.stdout.count("\n")) == (2, "", 1), ended
