@@ -68,7 +68,7 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
     own = looks(results.solvers)
 
     def chart(plots: Sequence[Plot], caption: str) -> Chart:
-        return Chart(caption, _image(partial(figure, plots, own, columns=2)))
+        return Chart(caption, image_of(partial(figure, plots, own, columns=2)))
 
     for title, ladder in grouped(orders, lambda o: o.variant).items():
         if plots := _orders(results, ladder):
@@ -101,7 +101,8 @@ def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
     return plots
 
 
-def _image(draw: Callable[[], Figure]) -> str:
+def image_of(draw: Callable[[], Figure]) -> str:
+    """The address of a figure as an image that the page contains."""
     with tempfile.TemporaryDirectory() as place:
         (file,) = save(draw, Place(Path(place)), "chart", ("svg",))
         return "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()
