@@ -38,8 +38,8 @@ def add_commands(commands: Any) -> None:
     """Add the parser of every subcommand."""
     for add in (
         _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_ensemble,
-        _add_referee, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_bundle, _add_history,
-        _add_figures,
+        _add_referee, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_bundle,
+        _add_history, _add_figures,
     ):  # fmt: skip
         add(commands)
 
@@ -152,7 +152,7 @@ def _add_ensemble(commands: Any) -> None:
     p.add_argument("--at", metavar="T,T", help="times of scores [s] (default: half of the simulated time, and its end)")
     p.add_argument("--seed", type=positive_int, default=SEED, metavar="K", help=f"random seed (default: {SEED})")
     add_set(p, "--set", f"{', '.join(CONTROL)} of the solvers that take it")
-    p.add_argument("--truth", default=TRUTH, metavar="NAME", help=f"error-controlled solver of truth (default: {TRUTH})")
+    p.add_argument("--truth", default=TRUTH, metavar="NAME", help=f"error-controlled true solver (default: {TRUTH})")
     p.add_argument("--html", metavar="FILE", help="also write scores, clouds and rank histograms to one HTML page")
     add_plugin(p)
     add_jobs(p)
