@@ -33,7 +33,7 @@ class Ensemble:
     spread: float
     seed: int
     at: tuple[float, ...]  # [s] times of scores, increasing
-    observables: tuple[Observable, ...]  # functions of the state alone, energy last
+    observables: tuple[Observable, ...]  # functions of the state alone; energy is one
 
     def start(self, member: int) -> State:
         """That of a member: the same in ensembles of any size."""
@@ -77,8 +77,12 @@ def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float
     total = Observable("energy", "E", "J", partial(energy, problem.system))
     plain = Ensemble(problem, spread, seed, tuple(at), ())
     pair = problem.home(_stack([plain.start(0), plain.start(1)]))
-    own = (o for o in (*problem.observables, total) if np.allclose(o.of(pair)[1:], o.of(pair.at(slice(1, 2)))))
-    return dataclasses.replace(plain, observables=tuple({o.name: o for o in own}.values()))
+    last = pair.at(slice(1, 2))
+    own = {
+        o.name: o for o in (*problem.observables, total)
+        if np.allclose(o.of(pair)[1:], o.of(last), rtol=1e-12, atol=1e-14)  # rounding
+    }  # fmt: skip
+    return dataclasses.replace(plain, observables=tuple(own.values()))
 
 
 def run_cloud(ensemble: Ensemble, code: Code, members: Sequence[int], jobs: int) -> Cloud:

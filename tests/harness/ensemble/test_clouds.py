@@ -47,6 +47,12 @@ def test_starts_are_consistent_and_depend_on_seed_and_member_alone(ensemble):
         assert max(np.abs(constraint(system, s)).max(), np.abs(constraint_rate(system, s)).max()) < 1e-9
 
 
+def test_observables_are_functions_of_the_state_alone():
+    """The chain's energy of the mean velocity needs a step, which solvers choose; energy itself is always there."""
+    names = [o.name for o in make_ensemble(registry.make_problem("chain"), SPREAD, 1, AT).observables]
+    assert names == ["E_x", "E_y", "E_z", "out_of_plane", "energy"]
+
+
 def test_a_perfect_solver_differs_by_chance_alone(ensemble, true):
     """The same integrator from other starts; its members are exact at its own starts."""
     found = compare_clouds(ensemble, true[0], *true)
@@ -89,7 +95,6 @@ def test_states_between_steps_are_those_of_the_motion(ensemble):
 
 def test_missing_members_are_counted_and_leave_no_clean_verdict(ensemble, true):
     """A member that raises, one that kills its process, one that stops early: each costs itself alone."""
-
     inner, starts = true[0].code.solver, [ensemble.start(k).R for k in range(20)]
 
     class Fragile:
