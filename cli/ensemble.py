@@ -36,6 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"--set takes {', '.join(CONTROL)} (got {', '.join(unknown)})")
     codes = [_make_code(problem, solver, given) for solver in arguments.solvers]
     truth = _make_code(problem, arguments.truth, {"rtol": str(TRUE_RTOL)})
+    if truth.control.rtol is None:
+        raise UsageError(f"--truth must be controlled by rtol ({arguments.truth} is controlled by dt)")
     if arguments.html:
         check_writable(Path(arguments.html))
     times = [positive_float(t, "--at") for t in arguments.at.split(",")] if arguments.at else []
@@ -62,9 +64,7 @@ def _make_code(problem: Problem, solver: str, given: dict[str, str]) -> Code:
     """A solver with those of the settings that it takes."""
     entry = registry.entry_of("solver", solver, registry.solvers())
     others = {"dt": ("rtol", "max_step"), "rtol": ("dt",)}[entry.control]
-    limit = {"cpu_limit": float(given["cpu_limit"])} if "cpu_limit" in given else {}
-    own = {k: v for k, v in given.items() if k not in (*others, "cpu_limit")}
-    control = step_control(solver, entry.control, problem, {**own, **limit})
+    control = step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
     setting = f"{entry.control}={getattr(control, entry.control):g}"
     return Code(solver, setting, registry.make_solver(solver), control)
 

@@ -104,8 +104,8 @@ def run_cloud(ensemble: Ensemble, code: Code, members: Sequence[int], jobs: int)
                     active[j] = _begin(ensemble, code, left[j], Path(place))
         read = [np.load(_file(Path(place), k), allow_pickle=False) for k in members]
         lines = [f"member {k}: {f['failure']}" for k, f in zip(members, read, strict=True) if str(f["failure"])]
-        parts = (np.stack([f[name] for f in read]) for name in ("values", "C", "drawn"))
-        return Cloud(code, *parts, tuple(lines), float(sum(f["cpu_s"] for f in read)))
+        values, C, drawn = (np.stack([f[name] for f in read]) for name in ("values", "C", "drawn"))
+        return Cloud(code, values, C, drawn, tuple(lines), sum(float(f["cpu_s"]) for f in read))
 
 
 def _begin(e: Ensemble, code: Code, members: Sequence[int], place: Path) -> Apart:

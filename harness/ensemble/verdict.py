@@ -1,5 +1,6 @@
 """A solver's cloud against the true one: scores, ranks, spread, bias, and what the data show."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,16 +25,16 @@ class Comparison:
     t_s: float
     members: int
     missing: int
-    score: float
-    excess: float  # of the score over that of the truth: 0 on average for a perfect solver
-    chance: float  # a perfect solver's excess stays below in 95 of 100 cases
-    p_score: float
-    spread: float  # standard deviation, of all C rms
-    error_of_mean: float  # rms distance of true draws from the mean, over what the spread lets expect
-    bias: float  # mean less true mean, of all C its length
-    bias_error: float  # standard error of the bias
     error: float  # rms distance of members from the true ones with the same starts
-    ranks: Ranks | None  # none of all C
+    score: float = math.nan
+    excess: float = math.nan  # of the score over that of the truth: 0 on average for a perfect solver
+    chance: float = math.nan  # a perfect solver's excess stays below in 95 of 100 cases
+    p_score: float = math.nan
+    spread: float = math.nan  # standard deviation, of all C rms
+    error_of_mean: float = math.nan  # rms distance of true draws from the mean, over what the spread lets expect
+    bias: float = math.nan  # mean less true mean, of all C its length
+    bias_error: float = math.nan  # standard error of the bias
+    ranks: Ranks | None = None  # none of all C
 
 
 def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list[Comparison]:
@@ -66,11 +67,10 @@ def _compare(
     quantity, unit, t = about
     there, paired, drawn = (np.isfinite(a.reshape(len(a), -1)).all(axis=1) for a in (x, same, other))
     error = _rms(x[there & paired] - same[there & paired])
-    missing = int(np.sum(~there))
+    head = (cloud.code.name, cloud.code.setting, quantity, unit, t, int(np.sum(there)), int(np.sum(~there)), error)
     x, y = x[there], other[drawn]
-    head = (cloud.code.name, cloud.code.setting, quantity, unit, t, len(x), missing)
     if min(len(x), len(y)) < FEWEST:
-        return Comparison(*head, *[np.nan] * 8, error, None)
+        return Comparison(*head)
     found = compare(x, y, e.seed)
     n, m = len(x), len(y)
     own, true = (a - np.mean(a, axis=0) for a in (x, y))
@@ -81,7 +81,7 @@ def _compare(
     of_mean = _rms(y - np.mean(x, axis=0)) / wanted if wanted > 0.0 else np.nan
     bias_error = float(np.hypot(spread / np.sqrt(n), of_truth / np.sqrt(m)))
     ranks = rank_histogram(x, y) if x.ndim == 1 else None
-    return Comparison(*head, *found, spread, of_mean, bias, bias_error, error, ranks)
+    return Comparison(*head, *found, float(spread), float(of_mean), bias, bias_error, ranks)
 
 
 def _rms(a: np.ndarray) -> float:
