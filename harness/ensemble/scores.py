@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
 MOST_BINS, LEAST_IN_A_BIN = 20, 10
@@ -77,7 +78,7 @@ def rank_histogram(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"]) -> Ra
 def _mean_distance(x: Points, y: Points, w: Weights, u: Weights) -> np.ndarray:
     """E|x - y|; of numbers in O(n log n), then O(n) a row."""
     if x.ndim > 1:
-        total = np.sum((w @ _distances(x, y)) * u, axis=1)
+        total = np.sum((w @ cdist(x, y)) * u, axis=1)
     else:
         order, middle = np.argsort(x, kind="stable"), np.mean(y)
         w, x, y = w[:, order], x[order] - middle, y - middle
@@ -91,16 +92,9 @@ def _half_distance(x: Points, w: Weights) -> np.ndarray:
     """E|x - x'|/2 over different members, of weights 0 and 1."""
     n = np.sum(w, axis=1)
     if x.ndim > 1:
-        total = 0.5 * np.sum((w @ _distances(x, x)) * w, axis=1)
+        total = 0.5 * np.sum((w @ cdist(x, x)) * w, axis=1)
     else:
         order = np.argsort(x, kind="stable")
         w, x = w[:, order], x[order] - np.mean(x)
         total = np.sum(w * (x * np.cumsum(w, axis=1) - np.cumsum(w * x, axis=1)), axis=1)
     return np.asarray(total / (n * (n - 1.0)))
-
-
-def _distances(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    middle = np.mean(y, axis=0)
-    x, y = x - middle, y - middle
-    squares = np.sum(x * x, axis=1)[:, None] + np.sum(y * y, axis=1) - 2.0 * x @ y.T
-    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
