@@ -1,7 +1,7 @@
 """The page of ``mbsbench ensemble``: scores, clouds over time, members at the times of scores, rank histograms."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -89,7 +89,8 @@ def _dots(e: Ensemble, true: Cloud, s: Scored, moving: Sequence[int], k: int) ->
         Trace(name, cloud.values[:DOTS, a, k], cloud.values[:DOTS, b, k], solver, mode="markers")
         for cloud, name, solver in ((true, TRUE, ""), (s.cloud, s.label, s.cloud.code.name))
     ]
-    return Plot(f"dots-{k}", f"members at {e.at[k]:g} s", "", _axis(e, a), _axis(e, b), traces)
+    x, y = (replace(_axis(e, i), link=f"{e.at[k]:g}") for i in (a, b))  # panels of two times share no range
+    return Plot(f"dots-{k}", f"members at {e.at[k]:g} s", "", x, y, traces)
 
 
 def _histogram(s: Scored, c: Comparison) -> Plot:
