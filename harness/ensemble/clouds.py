@@ -146,8 +146,8 @@ def _sample(e: Ensemble, s: States, parts: Parts) -> None:
             one = States.one(state_at(s, t))
             C[k] = one.r[0]
             values[:, k] = [o.of(e.problem.home(one))[0] for o in e.observables]
-    k = np.minimum(np.searchsorted(s.times, e.times), len(s) - 1)
-    near = s.at(np.unique(np.concatenate((np.maximum(k - 1, 0), k))))  # the steps around each time
+    after = np.minimum(np.searchsorted(s.times, e.times), len(s) - 1)
+    near = s.at(np.unique(np.concatenate((np.maximum(after - 1, 0), after))))  # the steps around each time
     seen = e.problem.home(near)
     drawn[:] = [np.interp(e.times, near.times, o.of(seen), right=math.nan) for o in e.observables]
 
