@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.html:
         from ..reports.ensemble import Scored, write_page
 
-        title = f"{name}: {plural(n, 'start')} within {arguments.spread:g}"
+        title = f"{name}: {plural(n, 'start')}, spread {arguments.spread:g}"
         write_page(Path(arguments.html), title, e, (same, other), [
             Scored(cloud, rows, verdict) for cloud, rows, verdict in zip(clouds, found[1:], verdicts[1:], strict=True)
         ], perfect)  # fmt: skip
