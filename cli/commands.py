@@ -23,6 +23,7 @@ CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 FILTERS = ("problem", "solver", "status", "label")
 SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
 CHANGES = 40  # shown by diff
+TRUTH = "rkmk_dop853"  # compiled once for all starts
 SEED = 1  # the same sample every time, unless --seed says otherwise
 MEANING = {
     "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed",
@@ -36,9 +37,9 @@ MEANING = {
 def add_commands(commands: Any) -> None:
     """Add the parser of every subcommand."""
     for add in (
-        _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_referee,
-        _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge, _add_bundle,
-        _add_submit, _add_ladder, _add_history, _add_figures,
+        _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_ensemble,
+        _add_referee, _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge,
+        _add_bundle, _add_submit, _add_ladder, _add_history, _add_figures,
     ):  # fmt: skip
         add(commands)
 
@@ -133,6 +134,26 @@ def _add_advise(commands: Any) -> None:
     p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
     kept = f"read the runs of this {RESULTS}; run nothing"
     p.add_argument("--from", dest="results", type=find_results, metavar="RESULTS", help=kept)
+    add_plugin(p)
+    add_jobs(p)
+
+
+def _add_ensemble(commands: Any) -> None:
+    words = (
+        "compare the motions of solvers from many starts with the true ones, as weather forecasts are scored; exit "
+        "code 1 where they differ or members are missing"
+    )
+    p = subcommand(commands, "ensemble", words, "one object a solver, quantity and time")
+    add_problem(p)
+    p.add_argument("solvers", nargs="+", metavar="SOLVER", help="name of a solver (see mbsbench list)")
+    p.add_argument("--starts", type=positive_int, default=1000, metavar="N", help="number of starts (default: 1000)")
+    spread = "size of their changes: x 1 rad, x the largest arm of a joint, x the speed of a fall by it (default: 1e-3)"
+    p.add_argument("--spread", type=positive_float, default=1e-3, metavar="X", help=spread)
+    p.add_argument("--at", metavar="T,T", help="times of scores [s] (default: half of the simulated time, and its end)")
+    p.add_argument("--seed", type=positive_int, default=SEED, metavar="K", help=f"random seed (default: {SEED})")
+    add_set(p, "--set", f"{', '.join(CONTROL)} of the solvers that take it")
+    p.add_argument("--truth", default=TRUTH, metavar="NAME", help=f"error-controlled true solver (default: {TRUTH})")
+    p.add_argument("--html", metavar="FILE", help="also write scores, clouds and rank histograms to one HTML page")
     add_plugin(p)
     add_jobs(p)
 

@@ -7,7 +7,7 @@ from ..harness.catalogue.options import nearest
 
 WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
 GROUPS = {  # of commands, in the order of --help
-    "run": "solve run advise",
+    "run": "solve run advise ensemble",
     "look": "list show report figures history",
     "put yours in": "check try referee shadow export submit ladder",
     "judge": "judge claim gate",

@@ -1,0 +1,99 @@
+"""``ensemble``: the clouds of solvers against the true cloud."""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from rich.text import Text
+
+from ..harness.catalogue import registry
+from ..harness.ensemble.clouds import Cloud, Code, Ensemble, make_ensemble, run_cloud
+from ..harness.ensemble.verdict import ALL_C, NO_DIFFERENCE, Comparison, compare_clouds, judge
+from ..harness.sandbox.trial import make_problem
+from ..harness.suites.spec import step_control
+from ..harness.types import Problem
+from .arguments import UsageError, check_writable, count_jobs, load_problem, parse_assignments, positive_float
+from .commands import CONTROL
+from .terminal import Column, error_console, number, plural, print_json, print_table
+
+TRUE_RTOL = 1e-10
+PERFECT = "truth"  # the true code with other members: what a perfect solver gets
+SHOWN = 3  # failures with a line each
+COLUMNS = (
+    Column("t [s]"), Column("solver", right=False), Column("quantity", right=False), Column("score"), Column("excess"),
+    Column("by chance"), Column("p"), Column("flatness", rank=1), Column("p(ranks)"), Column("spread"),
+    Column("error/spread", rank=2), Column("bias", rank=1), Column("+-", rank=1), Column("error"), Column("missing"),
+)  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the scores; return 0 where no solver is found to differ and none misses a member, else 1."""
+    name, parameters, _ = load_problem(arguments)
+    problem = make_problem(name, parameters)
+    given = parse_assignments(arguments.set, "--set")
+    if unknown := [k for k in given if k not in CONTROL]:
+        raise UsageError(f"--set takes {', '.join(CONTROL)} (got {', '.join(unknown)})")
+    codes = [_make_code(problem, solver, given) for solver in arguments.solvers]
+    truth = _make_code(problem, arguments.truth, {"rtol": str(TRUE_RTOL)})
+    if truth.control.rtol is None:
+        raise UsageError(f"--truth must be controlled by rtol ({arguments.truth} is controlled by dt)")
+    if arguments.html:
+        check_writable(Path(arguments.html))
+    times = [positive_float(t, "--at") for t in arguments.at.split(",")] if arguments.at else []
+    e = make_ensemble(problem, arguments.spread, arguments.seed, times or (0.5 * problem.t_end, problem.t_end))
+    n, jobs = arguments.starts, count_jobs(arguments.jobs)
+    same, other = (_run(e, truth, range(first, first + n), jobs, first == 0) for first in (0, n))
+    clouds = [_run(e, code, range(n), jobs) for code in codes]
+    perfect = [replace(c, solver=PERFECT) for c in compare_clouds(e, same, same, other)]
+    found = [perfect, *(compare_clouds(e, cloud, same, other) for cloud in clouds)]
+    verdicts = [judge(rows) for rows in found]
+    _print(found, verdicts, as_json=arguments.json)
+    if arguments.html:
+        from ..reports.ensemble import Scored, write_page
+
+        title = f"{name}: {plural(n, 'start')}, spread {arguments.spread:g}"
+        write_page(Path(arguments.html), title, e, (same, other), [
+            Scored(cloud, rows, verdict) for cloud, rows, verdict in zip(clouds, found[1:], verdicts[1:], strict=True)
+        ], perfect)  # fmt: skip
+        error_console().print(f"page: {arguments.html}")
+    return 1 if any(v != NO_DIFFERENCE for v in verdicts[1:]) else 0
+
+
+def _make_code(problem: Problem, solver: str, given: dict[str, str]) -> Code:
+    """A solver with those of the settings that it takes."""
+    entry = registry.entry_of("solver", solver, registry.solvers())
+    others = {"dt": ("rtol", "max_step"), "rtol": ("dt",)}[entry.control]
+    control = step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
+    setting = f"{entry.control}={getattr(control, entry.control):g}"
+    return Code(solver, setting, registry.make_solver(solver), control)
+
+
+def _run(e: Ensemble, code: Code, members: range, jobs: int, is_needed: bool = False) -> Cloud:
+    cloud = run_cloud(e, code, members, jobs)
+    if is_needed and len(cloud.failures) == len(members):
+        raise UsageError(f"no true motion by {code.name}: {cloud.failures[0]}; give another --truth")
+    out = error_console()
+    each = cloud.cpu_s / len(members)
+    out.print(f"{code.name} {code.setting}: {plural(len(members), 'member')}, {each:.3g} s of CPU time each")
+    for line in cloud.failures[:SHOWN]:
+        out.print(f"  {line}")
+    if len(cloud.failures) > SHOWN:
+        out.print(f"  {len(cloud.failures)} members did not reach the end")
+    return cloud
+
+
+def _print(found: Sequence[list[Comparison]], verdicts: Sequence[str], *, as_json: bool) -> None:
+    rows = []
+    for c in sorted((c for own in found for c in own), key=lambda c: (c.t_s, c.quantity != ALL_C, c.quantity)):
+        if as_json:
+            plain = asdict(c) | {"ranks": c.ranks and c.ranks._asdict() | {"counts": c.ranks.counts.tolist()}}
+            print_json(plain)
+        flat, p = (c.ranks.statistic, c.ranks.p) if c.ranks else (float("nan"), float("nan"))
+        numbers = (c.score, c.excess, c.chance, c.p_score, flat, p, c.spread, c.error_of_mean, c.bias, c.bias_error,
+                   c.error)  # fmt: skip
+        head = (f"{c.t_s:g}", f"{c.solver} {c.setting}", f"{c.quantity} [{c.unit}]")
+        rows.append((*head, *(number(x) for x in numbers), str(c.missing or "")))
+    if not as_json:
+        below = [f"{own[0].solver} {own[0].setting}: {v}" for own, v in zip(found, verdicts, strict=True)]
+        print_table(COLUMNS, [(Text(r[0]), *r[1:]) for r in rows], *below)

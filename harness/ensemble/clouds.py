@@ -1,0 +1,173 @@
+"""Clouds: the motions of one code from starts drawn around a problem's, each in a process that may crash alone."""
+
+import dataclasses
+import math
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..clock import cpu_seconds
+from ..execution.worker import solve
+from ..mechanics.consistency import perturbed
+from ..mechanics.motion import energy
+from ..mechanics.state import State, States
+from ..sandbox.apart import TICK, Apart
+from ..types import Observable, Problem, Solver, Status, StepControl
+from .sampling import state_at
+
+MEMORY = 8000.0  # [MB] of a process
+DRAWN = 120  # times of a picture
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Starts: a normal change of every pose and velocity of relative size ``spread``, projected (``perturbed``)."""
+
+    problem: Problem  # until the last of ``at``
+    spread: float
+    seed: int
+    at: tuple[float, ...]  # [s] times of scores, increasing
+    observables: tuple[Observable, ...]  # functions of the state alone; energy is one
+
+    def start(self, member: int) -> State:
+        """That of a member: the same in ensembles of any size."""
+        seed = int(np.random.SeedSequence((self.seed, member)).generate_state(1)[0])
+        return perturbed(self.problem.system, self.problem.initial, self.spread, seed)
+
+    @property
+    def times(self) -> Float[np.ndarray, " nt"]:
+        """[s] of a picture."""
+        return np.linspace(0.0, self.at[-1], DRAWN)
+
+
+@dataclass(frozen=True)
+class Code:
+    """A solver with its setting."""
+
+    name: str  # of the solver
+    setting: str
+    solver: Solver
+    control: StepControl
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """The members of a code; NaN where one is missing."""
+
+    code: Code
+    values: Float[np.ndarray, "n observables at"]
+    C: Float[np.ndarray, "n at nb 3"]  # [m] centres of mass
+    drawn: Float[np.ndarray, "n observables nt"]
+    failures: tuple[str, ...]  # a line for each member that did not reach the end
+    cpu_s: float  # of all members
+
+
+def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float]) -> Ensemble:
+    """Starts around the problem's; observables that need a step as well as a state are left out."""
+    if not at or min(at) <= 0.0 or list(at) != sorted(set(at)):
+        raise ValueError(f"times of scores must be > 0 and increase (got {', '.join(map('{:g}'.format, at))})")
+    parameters = {**problem.parameters, "t_end": at[-1]}
+    problem = dataclasses.replace(problem, t_end=at[-1], parameters=parameters)
+    total = Observable("energy", "E", "J", partial(energy, problem.system))
+    plain = Ensemble(problem, spread, seed, tuple(at), ())
+    pair = problem.home(_stack([plain.start(0), plain.start(1)]))
+    last = pair.at(slice(1, 2))
+    own = {
+        o.name: o for o in (*problem.observables, total)
+        if np.allclose(o.of(pair)[1:], o.of(last), rtol=1e-12, atol=1e-14)  # rounding
+    }  # fmt: skip
+    return dataclasses.replace(plain, observables=tuple(own.values()))
+
+
+def run_cloud(ensemble: Ensemble, code: Code, members: Sequence[int], jobs: int) -> Cloud:
+    """Run ``members`` in ``jobs`` processes; one that crashes costs the member at work."""
+    with tempfile.TemporaryDirectory() as place:
+        left = [list(members[j::jobs]) for j in range(jobs)]
+        active = {j: _begin(ensemble, code, own, Path(place)) for j, own in enumerate(left) if own}
+        while active:
+            time.sleep(TICK)
+            for j, process in list(active.items()):
+                ended = process.look()
+                if ended is None:
+                    continue
+                del active[j]
+                left[j] = [k for k in left[j] if not _file(Path(place), k).exists()]
+                if left[j]:
+                    _write(Path(place), left[j].pop(0), _nothing(ensemble), ended.words, 0.0)
+                if left[j]:
+                    active[j] = _begin(ensemble, code, left[j], Path(place))
+        read = [np.load(_file(Path(place), k), allow_pickle=False) for k in members]
+        lines = [f"member {k}: {f['failure']}" for k, f in zip(members, read, strict=True) if str(f["failure"])]
+        values, C, drawn = (np.stack([f[name] for f in read]) for name in ("values", "C", "drawn"))
+        return Cloud(code, values, C, drawn, tuple(lines), sum(float(f["cpu_s"]) for f in read))
+
+
+def _begin(e: Ensemble, code: Code, members: Sequence[int], place: Path) -> Apart:
+    def target(send: Callable[[str], None]) -> None:
+        for k in members:
+            began = cpu_seconds()
+            parts, failure = _run_member(e, code, k)
+            _write(place, k, parts, failure, cpu_seconds() - began)
+
+    return Apart(target, limit=1e8, memory=MEMORY, wall=math.inf)
+
+
+Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, C, drawn
+
+
+def _run_member(e: Ensemble, code: Code, member: int) -> tuple[Parts, str]:
+    """What it reached, and why it did not reach more."""
+    parts = _nothing(e)
+    try:
+        problem = dataclasses.replace(e.problem, initial=e.start(member))
+        handover = solve(problem, code.solver, code.control)
+        trajectory = handover.trajectory
+        if trajectory is None:
+            return parts, handover.report.message
+        _sample(e, trajectory.states, parts)
+        if trajectory.status is not Status.SUCCESS:
+            return parts, f"{trajectory.status}: {trajectory.message}"
+        return parts, "" if np.all(np.isfinite(parts[0])) else "claims success, but does not reach the end"
+    except Exception as error:  # a member's own failure, kept as its result
+        return parts, f"{type(error).__name__}: {error}"
+
+
+def _sample(e: Ensemble, s: States, parts: Parts) -> None:
+    values, C, drawn = parts
+    reached = s.times[-1] * (1.0 + 1e-9)
+    for k, t in enumerate(e.at):
+        if t <= reached:
+            one = States.one(state_at(s, t))
+            C[k] = one.r[0]
+            values[:, k] = [o.of(e.problem.home(one))[0] for o in e.observables]
+    after = np.minimum(np.searchsorted(s.times, e.times), len(s) - 1)
+    near = s.at(np.unique(np.concatenate((np.maximum(after - 1, 0), after))))  # the steps around each time
+    seen = e.problem.home(near)
+    drawn[:] = [np.interp(e.times, near.times, o.of(seen), right=math.nan) for o in e.observables]
+
+
+def _nothing(e: Ensemble) -> Parts:
+    n, nb = len(e.observables), e.problem.system.nb
+    shapes = ((n, len(e.at)), (len(e.at), nb, 3), (n, DRAWN))
+    return tuple(np.full(shape, np.nan) for shape in shapes)  # type: ignore[return-value]
+
+
+def _write(place: Path, member: int, parts: Parts, failure: str, cpu_s: float) -> None:
+    values, C, drawn = parts
+    whole = place / f"{member}.part.npz"
+    np.savez(whole, values=values, C=C, drawn=drawn, failure=np.array(failure), cpu_s=np.array(cpu_s))
+    whole.rename(_file(place, member))
+
+
+def _file(place: Path, member: int) -> Path:
+    return place / f"{member}.npz"
+
+
+def _stack(states: Sequence[State]) -> States:
+    return States(*(np.stack([getattr(s, name) for s in states]) for name in ("r", "R", "v", "Omega")))

@@ -1,0 +1,89 @@
+"""A solver's cloud against the true one: scores, ranks, spread, bias, and what the data show."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .clouds import Cloud, Ensemble
+from .scores import Ranks, compare, rank_histogram
+
+LEVEL = 0.05  # chance of finding a difference in a perfect solver, all its tests together
+FEWEST = 10  # members that a comparison takes
+ALL_C = "all C"
+NO_DIFFERENCE = "no difference found"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One quantity at one time. ``score`` is the CRPS, or of all C the energy score by the rms over bodies."""
+
+    solver: str
+    setting: str
+    quantity: str
+    unit: str
+    t_s: float
+    members: int
+    missing: int
+    error: float  # rms distance of members from the true ones with the same starts
+    score: float = math.nan
+    excess: float = math.nan  # of the score over that of the truth: 0 on average for a perfect solver
+    chance: float = math.nan  # a perfect solver's excess stays below in 95 of 100 cases
+    p_score: float = math.nan
+    spread: float = math.nan  # standard deviation, of all C rms
+    error_of_mean: float = math.nan  # rms distance of true draws from the mean, over what the spread lets expect
+    bias: float = math.nan  # mean less true mean, of all C its length
+    bias_error: float = math.nan  # standard error of the bias
+    ranks: Ranks | None = None  # none of all C
+
+
+def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list[Comparison]:
+    """``cloud`` against draws of the truth from ``other`` starts; errors by the truth from the ``same`` starts."""
+    out = []
+    for k, t in enumerate(e.at):
+        size = np.sqrt(e.problem.system.nb)
+        points = [c.C[:, k].reshape(len(c.C), -1) / size for c in (cloud, same, other)]
+        out.append(_compare(e, cloud, (ALL_C, "m", t), *points))
+        for i, o in enumerate(e.observables):
+            numbers = [c.values[:, i, k] for c in (cloud, same, other)]
+            out.append(_compare(e, cloud, (o.name, o.unit, t), *numbers))
+    return out
+
+
+def judge(found: list[Comparison]) -> str:
+    """What all comparisons of a solver together show."""
+    missing = max(c.missing for c in found)
+    tests = [p for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
+    if not tests:
+        return "too few members"
+    if min(tests) * len(tests) < LEVEL:
+        return "differs from the truth"
+    return f"incomplete: {missing} missing" if missing else NO_DIFFERENCE
+
+
+def _compare(
+    e: Ensemble, cloud: Cloud, about: tuple[str, str, float], x: np.ndarray, same: np.ndarray, other: np.ndarray
+) -> Comparison:
+    quantity, unit, t = about
+    there, paired, drawn = (np.isfinite(a.reshape(len(a), -1)).all(axis=1) for a in (x, same, other))
+    error = _rms(x[there & paired] - same[there & paired])
+    head = (cloud.code.name, cloud.code.setting, quantity, unit, t, int(np.sum(there)), int(np.sum(~there)), error)
+    x, y = x[there], other[drawn]
+    if min(len(x), len(y)) < FEWEST:
+        return Comparison(*head)
+    found = compare(x, y, e.seed)
+    n, m = len(x), len(y)
+    own, true = (a - np.mean(a, axis=0) for a in (x, y))
+    spread, of_truth = _rms(own) * np.sqrt(n / (n - 1.0)), _rms(true) * np.sqrt(m / (m - 1.0))
+    shift = np.mean(x, axis=0) - np.mean(y, axis=0)
+    bias = float(np.linalg.norm(shift)) if x.ndim > 1 else float(shift)
+    wanted = spread * np.sqrt(1.0 + 1.0 / n)
+    of_mean = _rms(y - np.mean(x, axis=0)) / wanted if wanted > 0.0 else np.nan
+    bias_error = float(np.hypot(spread / np.sqrt(n), of_truth / np.sqrt(m)))
+    ranks = rank_histogram(x, y) if x.ndim == 1 else None
+    return Comparison(*head, *found, float(spread), float(of_mean), bias, bias_error, ranks)
+
+
+def _rms(a: np.ndarray) -> float:
+    """Of numbers, or of the lengths of points by rows."""
+    return float(np.sqrt(np.sum(a * a) / len(a))) if len(a) else float("nan")

@@ -1,0 +1,115 @@
+"""The page of ``mbsbench ensemble``: scores, clouds over time, members at the times of scores, rank histograms."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader
+
+from ..harness.ensemble.clouds import Cloud, Ensemble
+from ..harness.ensemble.verdict import Comparison
+from ..harness.files import write_text
+from ..harness.results import environment
+from .model.words import number
+from .plots.palette import looks
+from .plots.printed import figure
+from .plots.spec import Axis, Plot, Trace
+from .tried import TEMPLATES, Chart, image_of
+
+TRUE = "truth"
+SHARES = ((0.05, 0.95), (0.25, 0.75))  # quantiles of the bands, one over the other
+DOTS = 250  # members drawn
+DRAWN = 2  # observables
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A solver's cloud with its comparisons and what they show."""
+
+    cloud: Cloud
+    rows: Sequence[Comparison]
+    verdict: str
+
+    @property
+    def label(self) -> str:
+        """Solver and setting."""
+        return f"{self.cloud.code.name} {self.cloud.code.setting}"
+
+
+def write_page(
+    path: Path, title: str, e: Ensemble, true: tuple[Cloud, Cloud], scored: Sequence[Scored],
+    perfect: Sequence[Comparison],
+) -> None:  # fmt: skip
+    """Write ``path``; ``true`` are the clouds from the same and from other starts."""
+    template = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("ensemble.html")
+    spread = np.nan_to_num(np.nanstd(true[1].values[:, :, -1], axis=0))
+    moving = [i for i in range(len(e.observables)) if spread[i] > 1e-9 * (1.0 + spread.max())][:DRAWN]
+    own = looks(s.cloud.code.name for s in scored)
+    charts = [
+        Chart(caption, image_of(partial(figure, plots, own, columns=2)))
+        for s in scored for caption, plots in _plots(e, true[1], s, moving)
+    ]  # fmt: skip
+    rows = sorted([*perfect, *(c for s in scored for c in s.rows)], key=lambda c: (c.t_s, c.quantity))
+    stamp = f"Commit {environment.commit()[:12] or 'not recorded'}."
+    write_text(path, template.render(
+        title=title, scored=scored, rows=rows, charts=charts, number=number, stamp=stamp,
+    ))  # fmt: skip
+
+
+def _plots(e: Ensemble, true: Cloud, s: Scored, moving: Sequence[int]) -> Iterator[tuple[str, list[Plot]]]:
+    """Captions and panels of a solver."""
+    clouds = [_fan(e, true, s, i) for i in moving] + ([_dots(e, true, s, moving, k) for k in range(len(e.at))]
+                                                     if len(moving) > 1 else [])  # fmt: skip
+    yield f"{s.label}: bands of 50 and 90 % of the members with their median, and members; truth is black.", clouds
+    histograms = [_histogram(s, c) for c in s.rows if c.ranks and c.quantity in {e.observables[i].name for i in moving}]
+    if histograms:
+        words = "ranks of true draws among the members; between the black lines 95 % of a perfect solver's bars."
+        yield f"{s.label}: {words}", histograms
+
+
+def _fan(e: Ensemble, true: Cloud, s: Scored, i: int) -> Plot:
+    o, traces = e.observables[i], list[Trace]()
+    for cloud, solver in ((true, ""), (s.cloud, s.cloud.code.name)):
+        drawn = cloud.drawn[:, i]
+        drawn = drawn[np.isfinite(drawn).all(axis=1)]
+        if len(drawn):
+            median = np.median(drawn, axis=0)
+            for share in SHARES:
+                low, high = np.quantile(drawn, share, axis=0)
+                traces.append(Trace(s.label if solver else TRUE, e.times, median, solver, low=low, high=high))
+    marks = {"scores": e.at[:-1]}
+    return Plot(f"fan-{i}", o.name, "", Axis("t", "s", symbol="t"), _axis(e, i), traces, marks=marks)
+
+
+def _dots(e: Ensemble, true: Cloud, s: Scored, moving: Sequence[int], k: int) -> Plot:
+    a, b = moving[:2]
+    traces = [
+        Trace(name, cloud.values[:DOTS, a, k], cloud.values[:DOTS, b, k], solver, mode="markers")
+        for cloud, name, solver in ((true, TRUE, ""), (s.cloud, s.label, s.cloud.code.name))
+    ]
+    x, y = (replace(_axis(e, i), link=f"{e.at[k]:g}") for i in (a, b))  # panels of two times share no range
+    return Plot(f"dots-{k}", f"members at {e.at[k]:g} s", "", x, y, traces)
+
+
+def _histogram(s: Scored, c: Comparison) -> Plot:
+    assert c.ranks is not None
+    counts = c.ranks.counts
+    bins, drawn = len(counts), float(np.sum(counts))
+    edges = np.repeat(np.linspace(0.0, 1.0, bins + 1), 2)[1:-1]
+    share = drawn / bins
+    wide = 1.96 * np.sqrt(share * (1.0 - 1.0 / bins) * (c.members + drawn + 1.0) / (c.members + 2.0))
+    bars = np.repeat(counts, 2)
+    ends = np.array([0.0, 1.0])
+    traces = [
+        Trace(s.label, edges, bars, c.solver, low=np.zeros_like(bars), high=bars),
+        *(Trace("95 % of a perfect solver's bars", ends, np.full(2, share + d)) for d in (-wide, wide)),
+    ]
+    title = f"{c.quantity} at {c.t_s:g} s, p = {number(c.ranks.p, 2)}"
+    return Plot(f"ranks-{c.quantity}-{c.t_s:g}", title, "", Axis("rank"), Axis("draws", low=0.0), traces)
+
+
+def _axis(e: Ensemble, i: int) -> Axis:
+    o = e.observables[i]
+    return Axis(o.name, o.unit, symbol=o.symbol)
