@@ -1,0 +1,228 @@
+"""The article from one source, as HTML and LaTeX; where pdflatex exists, as PDF.
+
+    python docs/article/build_article.py [FOLDER]      # make article
+
+Every number in ``article.j2`` is a placeholder: ``{{ name }}`` of ``article_data.py``, whose values come from published
+results. The build fails with one line on a digit or a number word in the prose, on a literal in a placeholder, on a name,
+table or figure without a source, on a value that is not finite, and on ``{% assert ... %}`` that does not hold.
+"""
+
+import html
+import math
+import re
+import shutil
+import subprocess
+import sys
+import traceback
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import article_data as data
+import jinja2
+from article_data import Fault
+from jinja2 import nodes
+from jinja2.ext import Extension
+
+from mbsbench.harness.places import Place
+from mbsbench.reports.model.words import number
+from mbsbench.reports.plots.style import save
+
+HERE = Path(__file__).resolve().parent
+SOURCE = HERE / "article.j2"
+PLACES = re.compile(r"\b(?:Sect|Fig|Eq|Ref)s?\. \(?\d+(?:\.\d+)*[a-f]?\)?(?:(?:, | and | to )\(?\d+(?:\.\d+)*[a-f]?\)?)*")
+NAMES_WITH_DIGITS = ("ODE-45", "four-bar", "index 1", "index 3", "index-1", "2022")  # methods, the year of the paper
+WORDS = re.compile(r"\b(?:three|four|five|six|seven|eight|nine|ten|eleven|twelve|\w+teen|twenty|thirty|forty|fifty|"
+                   r"dozen|hundred|thousand|million|per ?cent|thrice)s?\b", re.IGNORECASE)  # fmt: skip
+JINJA = re.compile(r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}", re.DOTALL)
+EQUATION = re.compile(r"\$[^$\n]*\$")
+CODE = re.compile(r"`[a-z]\w*`")  # names of solvers and programs
+INDEX = re.compile(r"[_^]\{?-?\d+\}?")
+RUN_LIMIT = 120  # [s] of one pass of pdflatex
+GREEK = {r"\varphi": "φ", r"\lambda": "λ", r"\sigma": "σ", r"\mu": "μ", r"\Delta": "Δ", r"\,": " ", r"\bar ": "", r"\dot": ""}
+POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+
+
+class Assert(Extension):
+    """``{% assert claim("x").verdict == "REFUTED" %}``: the sentence that follows needs it."""
+
+    tags = {"assert"}
+
+    def parse(self, parser: Any) -> nodes.Node:
+        """A call that fails where the condition does not hold."""
+        line = next(parser.stream).lineno
+        call = self.call_method("_check", [parser.parse_expression()], lineno=line)
+        return nodes.CallBlock(call, [], [], []).set_lineno(line)
+
+    def _check(self, holds: Any, caller: Any) -> str:
+        if not holds:
+            raise Fault("the results contradict the sentence: this condition does not hold")
+        return ""
+
+
+def show(value: Any) -> str:
+    """A value as the text has it; one without a finite number is a fault."""
+    if value is None or isinstance(value, jinja2.Undefined):
+        raise Fault(f"a placeholder has no value: {getattr(value, '_undefined_name', None)!r} is not in published results")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise Fault(f"a placeholder's number is {value}")
+    if isinstance(value, float):
+        return number(value)
+    return f"{value:,}".replace(",", "\u202f") if isinstance(value, int) and value >= 10_000 else str(value)
+
+
+def environment() -> jinja2.Environment:
+    """Placeholders with the names of the data, none undefined."""
+    found = jinja2.Environment(undefined=jinja2.StrictUndefined, finalize=show, extensions=[Assert], autoescape=False,
+                               trim_blocks=True)  # fmt: skip
+    found.globals = dict(data.NAMES)
+    found.filters["measured"] = data.measured
+    return found
+
+
+def check_source(text: str) -> None:
+    """No number is typed: neither in the prose, nor in an equation, nor as a literal in a placeholder."""
+    def blank(m: re.Match[str]) -> str:
+        return re.sub(r"[^\n]", " ", m[0])
+
+    prose = JINJA.sub(blank, text)
+    for m in EQUATION.finditer(prose):
+        if re.search(r"\d", INDEX.sub("", m[0])):
+            raise at(line_of(prose, m.start()), f"the equation {m[0]} holds a typed number; use a placeholder")
+    prose = CODE.sub(blank, PLACES.sub(blank, EQUATION.sub(blank, prose)))
+    for name in NAMES_WITH_DIGITS:
+        prose = prose.replace(name, " " * len(name))
+    for m in sorted([*re.finditer(r"\S*\d\S*", prose), *WORDS.finditer(prose)], key=lambda m: m.start())[:1]:
+        raise at(line_of(prose, m.start()), f"{m[0]!r} is typed and has no source; use a placeholder")
+    try:
+        tree = environment().parse(text)
+    except jinja2.TemplateSyntaxError as error:
+        raise at(error.lineno, f"{error.message}") from None
+    for output in tree.find_all(nodes.Output):
+        for part in output.nodes:
+            if isinstance(part, nodes.TemplateData):
+                continue
+            wrapped = nodes.Output([part])  # so that it is itself among what is found in it
+            named = {id(c) for n in wrapped.find_all((nodes.Call, nodes.Getitem)) for c in n.find_all(nodes.Const)}
+            literal = [c.value for c in wrapped.find_all(nodes.Const) if id(c) not in named]
+            if literal:
+                raise at(part.lineno, f"the placeholder types {literal[0]!r} instead of naming a source")
+
+
+def line_of(text: str, at: int) -> int:
+    """The line of a place in the text."""
+    return text.count("\n", 0, at) + 1
+
+
+def at(line: int, words: str) -> Fault:
+    """A fault with its line in the source."""
+    return Fault(f"{SOURCE.name}:{line}: {words}")
+
+
+def fill(text: str) -> str:
+    """The text with its numbers."""
+    check_source(text)
+    try:
+        return environment().from_string(text).render()
+    except (Fault, jinja2.UndefinedError, AttributeError, TypeError, ValueError, KeyError) as error:
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == "<template>"]
+        raise at(lines[-1] if lines else 1, str(error)) from None
+
+
+@dataclass(frozen=True)
+class Block:
+    """A paragraph, heading, item, table or figure; ``name`` of a table or figure, whose text is the caption."""
+
+    kind: str
+    text: str
+    name: str = ""
+
+
+def blocks(text: str) -> list[Block]:
+    """The filled text in its parts, which blank lines separate."""
+    out = []
+    for part in filter(None, (p.strip() for p in re.split(r"\n\s*\n", text))):
+        mark, _, rest = part.partition(" ")
+        if mark in ("#", "##"):
+            out.append(Block({"#": "title", "##": "section"}[mark], rest))
+        elif mark in ("@table", "@figure"):
+            name, _, caption = rest.partition("\n")
+            if name not in {"@table": data.TABLES, "@figure": data.FIGURES}[mark]:
+                raise Fault(f"{SOURCE.name}: no {mark[1:]} {name!r} is drawn from published results")
+            out.append(Block(mark[1:], caption, name))
+        else:
+            out.append(Block("text", part))
+    return out
+
+
+def as_html(text: str) -> str:
+    """Marks of a line of text."""
+    def equation(m: re.Match[str]) -> str:
+        own = m[0][1:-1]
+        for tex, sign in GREEK.items():
+            own = own.replace(tex, sign)
+        return "<i>" + re.sub(r"_\{?(\w+)\}?", r"<sub>\1</sub>", own) + "</i>"
+
+    out = EQUATION.sub(equation, html.escape(text, quote=False))
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", re.sub(r"\*([^*]+)\*", r"<em>\1</em>", out))
+
+
+def as_latex(text: str) -> str:
+    """Marks of a line of text; equations stay as they are."""
+    def plain(own: str) -> str:
+        own = re.sub(r"([&%#_{}$])", r"\\\1", own).replace("~", r"\textasciitilde{}")
+        own = re.sub(r"×10([⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)", lambda m: f"$\\times 10^{{{m[1].translate(POWERS)}}}$", own)
+        for sign, tex in {"−": "$-$", "∞": r"$\infty$", "\u202f": r"\,", "|phi|": r"$|\varphi|$", "φ": r"$\varphi$"}.items():
+            own = own.replace(sign, tex)
+        return re.sub(r"`([^`]+)`", r"\\texttt{\1}", re.sub(r"\*([^*]+)\*", r"\\emph{\1}", own))
+
+    parts = re.split(r"(\$[^$\n]*\$)", text)
+    return "".join(part if k % 2 else plain(part) for k, part in enumerate(parts))
+
+
+def write_html(found: list[Block]) -> str:
+    """The page, with its figures inside the folder beside it."""
+    page = jinja2.Environment(autoescape=True).from_string((HERE / "page.html").read_text(encoding="utf-8"))
+    return page.render(blocks=found, marks=as_html, tables=data.TABLES)
+
+
+def write_latex(found: list[Block]) -> str:
+    """The file for pdflatex."""
+    page = jinja2.Environment(block_start_string="<%", block_end_string="%>", variable_start_string="<<",
+                              variable_end_string=">>", comment_start_string="<#", trim_blocks=True)  # fmt: skip
+    page.filters["marks"] = as_latex
+    text = (HERE / "page.tex").read_text(encoding="utf-8")
+    return page.from_string(text).render(blocks=found, marks=as_latex, tables=data.TABLES)
+
+
+def build(folder: Path) -> list[Path]:
+    """Write the article into ``folder``; the PDF where pdflatex is installed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    found = blocks(fill(SOURCE.read_text(encoding="utf-8")))
+    for block in found:
+        if block.kind == "figure":
+            save(data.FIGURES[block.name], Place(folder), block.name, ("pdf", "svg"))
+    out = [folder / "article.html", folder / "article.tex"]
+    for path, write in zip(out, (write_html, write_latex), strict=True):
+        path.write_text(write(found), encoding="utf-8")
+    return [*out, compile_latex(out[1])] if shutil.which("pdflatex") else out
+
+
+def compile_latex(path: Path) -> Path:
+    """The PDF; two passes, for its references."""
+    line = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", path.name]
+    run = partial(subprocess.run, line, cwd=path.parent, capture_output=True, timeout=RUN_LIMIT, check=False)
+    for _ in range(2):
+        done = run()
+        if done.returncode:
+            words = next((w for w in done.stdout.decode(errors="replace").splitlines() if w.startswith("!")), "it failed")
+            raise Fault(f"pdflatex: {words}; see {path.with_suffix('.log')}")
+    return path.with_suffix(".pdf")
+
+
+if __name__ == "__main__":
+    try:
+        print(*build(Path(sys.argv[1] if len(sys.argv) > 1 else "results/local/article")), sep="\n")
+    except Fault as fault:
+        sys.exit(f"error: {fault}")
