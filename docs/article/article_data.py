@@ -1,5 +1,6 @@
 """Names that the article may use, each with its value from published results: claims, runs, tables and figures."""
 
+import math
 import re
 import tomllib
 from collections import Counter
@@ -31,8 +32,8 @@ from mbsbench.reports.plots.style import DOUBLE, INK, SINGLE, sheet
 OURS = re.compile(r"beyond-|.*-control|.*-ida$|.*-lower-index-")  # asked by us of other methods, not said in the paper
 COLOURS = {"SUPPORTED": "#3D62C7", "CONDITIONAL": "#62AF96", "MIXED": "#E0B040", "REFUTED": "#BB3939",
            "UNTESTABLE": "#B9BFC6"}  # fmt: skip
-RACE = ("gc_weak_form", "rattle", "generalized_alpha", "energy_momentum", "ida_index1", "ida_index3", "rk45_strong_form",
-        "rkmk_dop853")  # fmt: skip
+RACE = ("gc_weak_form", "rattle", "generalized_alpha", "energy_momentum", "ida_index1", "ida_index3",
+        "rk45_strong_form", "rkmk_dop853")  # fmt: skip
 MOTIONS = ("torque_free_body[t_end=300]", "spherical_pendulum", "heavy_top", "chain[t_end=2]", "four_bar_grid")
 T = TypeVar("T")
 Table = tuple[list[str], list[list[str]]]  # heads and rows
@@ -80,17 +81,18 @@ def judged(side: str = "paper") -> int:
 def found(name: str, side: str = "paper") -> str:
     """``holds in 3 of the 6 settings that the paper prints``, true for each verdict."""
     f: Finding | None = getattr(claim(name), side)
-    where = "that the paper prints" if side == "paper" else "beyond them"
+    where = "that the paper prints" if side == "paper" else "beyond them" if claim(name).paper else "tried"
     if f is None:
         raise Fault(f"the claim {name!r} has no settings {where}")
     if f.verdict is Verdict.UNTESTABLE:
         return f"cannot be judged from the settings {where}"
     if f.settings == 1:
         return f"{'holds' if f.holds else 'does not hold'} in the one setting {where}"
-    share = {0: "in none of the", f.settings: "in all"}.get(f.holds, f"in {f.holds} of the")
-    met = f" at {f.met[0]} of the {f.met[1]} values tried" if f.met and f.holds else ""
-    only = f", always and only with {condition(f.decision)}" if f.decision and f.decision.by and not f.decision.unless else ""
-    return f"holds {share} {f.settings} settings {where}{met}{only}"
+    every = "both" if f.settings == 2 else f"all {f.settings}"
+    share = {0: f"none of the {f.settings}", f.settings: every}.get(f.holds, f"{f.holds} of the {f.settings}")
+    met = f", at {f.met[0]} of {plural(f.met[1], claim(name).because.across)}" if f.met and f.holds else ""
+    crisp = f.decision and f.decision.by and not f.decision.unless
+    return f"holds in {share} settings {where}{met}{f', always and only with {condition(f.decision)}' if crisp else ''}"
 
 
 def borderline() -> int:
@@ -122,7 +124,7 @@ def engines_published() -> bool:
 def growth(problem: str) -> float:
     """The factor by which a changed start has grown after a second."""
     values = {s.growth for s in read(SYMMETRIES)
-              if s.problem == problem and s.variant.endswith("[t_end=1]") and s.growth == s.growth}  # fmt: skip
+              if s.variant == f"{problem}[t_end=1]" and math.isfinite(s.growth)}  # fmt: skip
     return one(sorted(values), f"the growth on {problem!r}")  # type: ignore[no-any-return]
 
 
@@ -181,6 +183,7 @@ def by_section(section: str, side: str) -> Counter[str]:
 
 def verdict_table() -> Table:
     """Verdicts by section, at the paper's settings | beyond them."""
+
     def cells(count: Callable[[str, str], int]) -> list[str]:
         return [" / ".join(str(count(v, s)) for s in ("paper", "beyond")) for v in COLOURS]
 
@@ -240,23 +243,21 @@ def draw_frontier() -> Figure:
 
 def draw_growth() -> Figure:
     """Growth of a changed start over a second."""
-    names = ("four_bar_grid", "torque_free_body", "heavy_top", "spherical_pendulum", "chain")
-    known = {s.problem for s in read(SYMMETRIES)}
-    values = {n: max(s.growth for s in read(SYMMETRIES)
-                     if s.problem == n and s.variant.endswith("[t_end=1]") or s.problem == n and "t_end=1]" in s.variant)
-              for n in names if n in known}  # fmt: skip
+    values = {m.partition("[")[0]: growth(m.partition("[")[0]) for m in MOTIONS}
     figure = sheet(SINGLE * 1.2, 1.5)
     axes = figure.subplots()
-    axes.barh([n.replace("_", " ") for n in values], list(values.values()), color=COLOURS["SUPPORTED"], height=0.6)
-    for k, v in enumerate(values.values()):
+    ranked = sorted(values.items(), key=lambda pair: pair[1])
+    axes.barh([n.replace("_", " ") for n, _ in ranked], [v for _, v in ranked], color=COLOURS["SUPPORTED"], height=0.6)
+    for k, (_, v) in enumerate(ranked):
         axes.text(v * 1.08, k, number(v, 2), va="center", fontsize=7, color=INK)
-    axes.set(xscale="log", xlabel="growth of a small change of the start over one second")
+    axes.set(xscale="log", xlabel="growth over one second", xlim=(None, 4.0 * ranked[-1][1]))
     axes.grid(axis="y", visible=False)
     return figure
 
 
 TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cost_table, "choices": settings_table}
-FIGURES: dict[str, Callable[[], Figure]] = {"sections": draw_sections, "frontier": draw_frontier, "growth": draw_growth}
-NAMES: dict[str, Any] = {f.__name__: f for f in (claim, count, judged, found, borderline, runs, solvers, false_successes,
-                         engines_published, growth, point, drift, cost, cheapest, objections, plural, measured)} | {
-    "paper": paper, "FACTOR": FACTOR}  # fmt: skip
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "sections": draw_sections, "frontier": draw_frontier, "growth": draw_growth}  # fmt: skip
+NAMES: dict[str, Any] = {f.__name__: f for f in (claim, count, judged, found, borderline, runs, solvers,
+                         false_successes, engines_published, growth, point, drift, cheapest, paper,
+                         objections, plural, measured)} | {"factor": f"{FACTOR:g}"}  # fmt: skip

@@ -3,11 +3,10 @@
     python docs/article/build_article.py [FOLDER]      # make article
 
 Every number in ``article.j2`` is a placeholder: ``{{ name }}`` of ``article_data.py``, whose values come from published
-results. The build fails with one line on a digit or a number word in the prose, on a literal in a placeholder, on a name,
-table or figure without a source, on a value that is not finite, and on ``{% assert ... %}`` that does not hold.
+results. The build fails with one line on a digit or number word in the prose, a literal in a placeholder, a name, table
+or figure without a source, a value that is not finite, and on ``{% assert ... %}`` that does not hold.
 """
 
-import html
 import math
 import re
 import shutil
@@ -17,11 +16,12 @@ import traceback
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-import article_data as data
+import article_data as data  # type: ignore[import-not-found]  # beside this file
 import jinja2
 from article_data import Fault
+from article_marks import EQUATION, as_html, as_latex  # type: ignore[import-not-found]
 from jinja2 import nodes
 from jinja2.ext import Extension
 
@@ -31,23 +31,22 @@ from mbsbench.reports.plots.style import save
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE / "article.j2"
-PLACES = re.compile(r"\b(?:Sect|Fig|Eq|Ref)s?\. \(?\d+(?:\.\d+)*[a-f]?\)?(?:(?:, | and | to )\(?\d+(?:\.\d+)*[a-f]?\)?)*")
+PLACES = re.compile(
+    r"\b(?:Sect|Fig|Eq|Ref)s?\. \(?\d+(?:\.\d+)*[a-f]?\)?(?:(?:, | and | to )\(?\d+(?:\.\d+)*[a-f]?\)?)*"
+)
 NAMES_WITH_DIGITS = ("ODE-45", "four-bar", "index 1", "index 3", "index-1", "2022")  # methods, the year of the paper
 WORDS = re.compile(r"\b(?:three|four|five|six|seven|eight|nine|ten|eleven|twelve|\w+teen|twenty|thirty|forty|fifty|"
                    r"dozen|hundred|thousand|million|per ?cent|thrice)s?\b", re.IGNORECASE)  # fmt: skip
 JINJA = re.compile(r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}", re.DOTALL)
-EQUATION = re.compile(r"\$[^$\n]*\$")
 CODE = re.compile(r"`[a-z]\w*`")  # names of solvers and programs
 INDEX = re.compile(r"[_^]\{?-?\d+\}?")
 RUN_LIMIT = 120  # [s] of one pass of pdflatex
-GREEK = {r"\varphi": "φ", r"\lambda": "λ", r"\sigma": "σ", r"\mu": "μ", r"\Delta": "Δ", r"\,": " ", r"\bar ": "", r"\dot": ""}
-POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 
 
 class Assert(Extension):
     """``{% assert claim("x").verdict == "REFUTED" %}``: the sentence that follows needs it."""
 
-    tags = {"assert"}
+    tags: ClassVar = {"assert"}
 
     def parse(self, parser: Any) -> nodes.Node:
         """A call that fails where the condition does not hold."""
@@ -63,8 +62,10 @@ class Assert(Extension):
 
 def show(value: Any) -> str:
     """A value as the text has it; one without a finite number is a fault."""
-    if value is None or isinstance(value, jinja2.Undefined):
-        raise Fault(f"a placeholder has no value: {getattr(value, '_undefined_name', None)!r} is not in published results")
+    if isinstance(value, jinja2.Undefined):
+        raise Fault(f"{value._undefined_name!r} is not in published results")
+    if value is None:
+        raise Fault("a placeholder's value is None")
     if isinstance(value, float) and not math.isfinite(value):
         raise Fault(f"a placeholder's number is {value}")
     if isinstance(value, float):
@@ -83,6 +84,7 @@ def environment() -> jinja2.Environment:
 
 def check_source(text: str) -> None:
     """No number is typed: neither in the prose, nor in an equation, nor as a literal in a placeholder."""
+
     def blank(m: re.Match[str]) -> str:
         return re.sub(r"[^\n]", " ", m[0])
 
@@ -156,34 +158,9 @@ def blocks(text: str) -> list[Block]:
     return out
 
 
-def as_html(text: str) -> str:
-    """Marks of a line of text."""
-    def equation(m: re.Match[str]) -> str:
-        own = m[0][1:-1]
-        for tex, sign in GREEK.items():
-            own = own.replace(tex, sign)
-        return "<i>" + re.sub(r"_\{?(\w+)\}?", r"<sub>\1</sub>", own) + "</i>"
-
-    out = EQUATION.sub(equation, html.escape(text, quote=False))
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", re.sub(r"\*([^*]+)\*", r"<em>\1</em>", out))
-
-
-def as_latex(text: str) -> str:
-    """Marks of a line of text; equations stay as they are."""
-    def plain(own: str) -> str:
-        own = re.sub(r"([&%#_{}$])", r"\\\1", own).replace("~", r"\textasciitilde{}")
-        own = re.sub(r"×10([⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)", lambda m: f"$\\times 10^{{{m[1].translate(POWERS)}}}$", own)
-        for sign, tex in {"−": "$-$", "∞": r"$\infty$", "\u202f": r"\,", "|phi|": r"$|\varphi|$", "φ": r"$\varphi$"}.items():
-            own = own.replace(sign, tex)
-        return re.sub(r"`([^`]+)`", r"\\texttt{\1}", re.sub(r"\*([^*]+)\*", r"\\emph{\1}", own))
-
-    parts = re.split(r"(\$[^$\n]*\$)", text)
-    return "".join(part if k % 2 else plain(part) for k, part in enumerate(parts))
-
-
 def write_html(found: list[Block]) -> str:
     """The page, with its figures inside the folder beside it."""
-    page = jinja2.Environment(autoescape=True).from_string((HERE / "page.html").read_text(encoding="utf-8"))
+    page = jinja2.Environment(autoescape=True).from_string((HERE / "html.j2").read_text(encoding="utf-8"))
     return page.render(blocks=found, marks=as_html, tables=data.TABLES)
 
 
@@ -192,7 +169,7 @@ def write_latex(found: list[Block]) -> str:
     page = jinja2.Environment(block_start_string="<%", block_end_string="%>", variable_start_string="<<",
                               variable_end_string=">>", comment_start_string="<#", trim_blocks=True)  # fmt: skip
     page.filters["marks"] = as_latex
-    text = (HERE / "page.tex").read_text(encoding="utf-8")
+    text = (HERE / "latex.j2").read_text(encoding="utf-8")
     return page.from_string(text).render(blocks=found, marks=as_latex, tables=data.TABLES)
 
 
@@ -216,13 +193,16 @@ def compile_latex(path: Path) -> Path:
     for _ in range(2):
         done = run()
         if done.returncode:
-            words = next((w for w in done.stdout.decode(errors="replace").splitlines() if w.startswith("!")), "it failed")
+            words = next(
+                (w for w in done.stdout.decode(errors="replace").splitlines() if w.startswith("!")), "it failed"
+            )
             raise Fault(f"pdflatex: {words}; see {path.with_suffix('.log')}")
     return path.with_suffix(".pdf")
 
 
 if __name__ == "__main__":
     try:
-        print(*build(Path(sys.argv[1] if len(sys.argv) > 1 else "results/local/article")), sep="\n")
+        made = build(Path(sys.argv[1] if len(sys.argv) > 1 else "results/local/article"))
+        sys.stdout.write("".join(f"{path}\n" for path in made))
     except Fault as fault:
         sys.exit(f"error: {fault}")

@@ -17,7 +17,7 @@ distributed = pytest.importorskip("distributed", reason="needs the extra 'cluste
 from mbsbench.harness.execution.cluster import on_slurm  # noqa: E402
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
-UP, DONE = 30.0, 240.0  # [s] for the daemons to start, for the suite to run
+UP, JOBS, DONE = 30.0, 240.0, 300.0  # [s] for the daemons, for the jobs to start, for a suite; much less when idle
 SMALL = """
 name = "small"
 
@@ -70,7 +70,9 @@ def slurm(tmp_path_factory, monkeypatch):
     """A SLURM of one node with two cores, idle; skipped where it cannot start."""
     missing = [d for d in DAEMONS if not shutil.which(d, path=f"{os.environ['PATH']}:/usr/sbin")]
     if missing or os.geteuid() != 0:
-        pytest.skip(f"a SLURM needs root and the Debian packages slurm-wlm and munge ({', '.join(missing) or 'no root'})")
+        pytest.skip(
+            f"a SLURM needs root and the Debian packages slurm-wlm and munge ({', '.join(missing) or 'no root'})"
+        )
     at = tmp_path_factory.mktemp("slurm")
     for part in ("state", "spool"):
         (at / part).mkdir(mode=0o755)
@@ -121,7 +123,7 @@ def test_the_recipe_runs_a_suite_on_slurm(slurm, tmp_path):
     try:
         cluster.scale(2)
         with distributed.Client(cluster) as client:
-            client.wait_for_workers(2, timeout=UP + 30.0)
+            client.wait_for_workers(2, timeout=JOBS)
             jobs = set(client.run(os.getenv, "SLURM_JOB_ID").values())
         assert set(ask("squeue", "-h", "-t", "running", "-o", "%i").split()) == jobs and len(jobs) == 2
         command = [sys.executable, "-m", "mbsbench", "run", "small.toml"]
