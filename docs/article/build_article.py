@@ -13,8 +13,8 @@ import shutil
 import subprocess
 import sys
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -40,7 +40,9 @@ WORDS = re.compile(r"\b(?:three|four|five|six|seven|eight|nine|ten|eleven|twelve
 JINJA = re.compile(r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}", re.DOTALL)
 CODE = re.compile(r"`[a-z]\w*`")  # names of solvers and programs
 INDEX = re.compile(r"[_^]\{?-?\d+\}?")
-RUN_LIMIT = 120  # [s] of one pass of pdflatex
+LATEX = dict(zip(("block_start_string", "block_end_string", "variable_start_string", "variable_end_string",
+                  "comment_start_string"), ("<%", "%>", "<<", ">>", "<#"), strict=True))  # fmt: skip
+RUN_LIMIT = 300  # [s] of one pass of pdflatex
 
 
 class Assert(Extension):
@@ -91,12 +93,12 @@ def check_source(text: str) -> None:
     prose = JINJA.sub(blank, text)
     for m in EQUATION.finditer(prose):
         if re.search(r"\d", INDEX.sub("", m[0])):
-            raise at(line_of(prose, m.start()), f"the equation {m[0]} holds a typed number; use a placeholder")
+            raise at(prose.count("\n", 0, m.start()) + 1, f"the equation {m[0]} holds a typed number")
     prose = CODE.sub(blank, PLACES.sub(blank, EQUATION.sub(blank, prose)))
     for name in NAMES_WITH_DIGITS:
         prose = prose.replace(name, " " * len(name))
     for m in sorted([*re.finditer(r"\S*\d\S*", prose), *WORDS.finditer(prose)], key=lambda m: m.start())[:1]:
-        raise at(line_of(prose, m.start()), f"{m[0]!r} is typed and has no source; use a placeholder")
+        raise at(prose.count("\n", 0, m.start()) + 1, f"{m[0]!r} is typed and has no source; use a placeholder")
     try:
         tree = environment().parse(text)
     except jinja2.TemplateSyntaxError as error:
@@ -106,15 +108,14 @@ def check_source(text: str) -> None:
             if isinstance(part, nodes.TemplateData):
                 continue
             wrapped = nodes.Output([part])  # so that it is itself among what is found in it
-            named = {id(c) for n in wrapped.find_all((nodes.Call, nodes.Getitem)) for c in n.find_all(nodes.Const)}
-            literal = [c.value for c in wrapped.find_all(nodes.Const) if id(c) not in named]
-            if literal:
-                raise at(part.lineno, f"the placeholder types {literal[0]!r} instead of naming a source")
-
-
-def line_of(text: str, at: int) -> int:
-    """The line of a place in the text."""
-    return text.count("\n", 0, at) + 1
+            places = {id(c) for n in wrapped.find_all(nodes.Getitem) for c in n.find_all(nodes.Const)}
+            names = {id(c) for n in wrapped.find_all(nodes.Call) for c in n.find_all(nodes.Const)
+                     if isinstance(c.value, str)}  # fmt: skip
+            for const in wrapped.find_all(nodes.Const):
+                if id(const) not in places | names:
+                    raise at(part.lineno, f"the placeholder types {const.value!r} instead of naming a source")
+    for other in tree.find_all((nodes.Assign, nodes.For)):
+        raise at(other.lineno, "no variable may hold a number; use a placeholder")
 
 
 def at(line: int, words: str) -> Fault:
@@ -134,7 +135,7 @@ def fill(text: str) -> str:
 
 @dataclass(frozen=True)
 class Block:
-    """A paragraph, heading, item, table or figure; ``name`` of a table or figure, whose text is the caption."""
+    """A paragraph, heading, table or figure; ``name`` of a table or figure, whose text is the caption."""
 
     kind: str
     text: str
@@ -158,19 +159,12 @@ def blocks(text: str) -> list[Block]:
     return out
 
 
-def write_html(found: list[Block]) -> str:
-    """The page, with its figures inside the folder beside it."""
-    page = jinja2.Environment(autoescape=True).from_string((HERE / "html.j2").read_text(encoding="utf-8"))
-    return page.render(blocks=found, marks=as_html, tables=data.TABLES)
-
-
-def write_latex(found: list[Block]) -> str:
-    """The file for pdflatex."""
-    page = jinja2.Environment(block_start_string="<%", block_end_string="%>", variable_start_string="<<",
-                              variable_end_string=">>", comment_start_string="<#", trim_blocks=True)  # fmt: skip
-    page.filters["marks"] = as_latex
-    text = (HERE / "latex.j2").read_text(encoding="utf-8")
-    return page.from_string(text).render(blocks=found, marks=as_latex, tables=data.TABLES)
+def render(found: list[Block], template: str, marks: Callable[[str], str], **signs: str) -> str:
+    """The article in the format of a template; ``signs`` are those of its placeholders."""
+    page = jinja2.Environment(trim_blocks=True, autoescape=False, **signs)  # type: ignore[arg-type]  # marks escape
+    page.filters["marks"] = marks
+    text = (HERE / template).read_text(encoding="utf-8")
+    return page.from_string(text).render(blocks=found, tables=data.TABLES)
 
 
 def build(folder: Path) -> list[Path]:
@@ -181,22 +175,18 @@ def build(folder: Path) -> list[Path]:
         if block.kind == "figure":
             save(data.FIGURES[block.name], Place(folder), block.name, ("pdf", "svg"))
     out = [folder / "article.html", folder / "article.tex"]
-    for path, write in zip(out, (write_html, write_latex), strict=True):
-        path.write_text(write(found), encoding="utf-8")
+    out[0].write_text(render(found, "html.j2", as_html), encoding="utf-8")
+    out[1].write_text(render(found, "latex.j2", as_latex, **LATEX), encoding="utf-8")
     return [*out, compile_latex(out[1])] if shutil.which("pdflatex") else out
 
 
 def compile_latex(path: Path) -> Path:
-    """The PDF; two passes, for its references."""
+    """The PDF."""
     line = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", path.name]
-    run = partial(subprocess.run, line, cwd=path.parent, capture_output=True, timeout=RUN_LIMIT, check=False)
-    for _ in range(2):
-        done = run()
-        if done.returncode:
-            words = next(
-                (w for w in done.stdout.decode(errors="replace").splitlines() if w.startswith("!")), "it failed"
-            )
-            raise Fault(f"pdflatex: {words}; see {path.with_suffix('.log')}")
+    done = subprocess.run(line, cwd=path.parent, capture_output=True, text=True, errors="replace", timeout=RUN_LIMIT,
+                          check=False)  # fmt: skip
+    if done.returncode:
+        raise Fault(f"pdflatex: {next((w for w in done.stdout.splitlines() if w.startswith('!')), 'it failed')}")
     return path.with_suffix(".pdf")
 
 

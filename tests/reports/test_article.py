@@ -32,9 +32,11 @@ def built(article, tmp_path_factory):
     ("It took {{ 3.5 }} s.", "the placeholder types 3.5"),
     ('It took {{ "3 s" }}.', "the placeholder types '3 s'"),
     ('It took {{ 2 * claim("1-one-step").paper.holds }} s.', "the placeholder types 2"),
+    ('It took {{ plural(5, "second") }}.', "the placeholder types 5"),
+    ("{% set n = 5 %}It took {{ n }} s.", "no variable may hold a number"),
     ("It took {{ runtime }} s.", "'runtime' is not in published results"),
     ('It holds: {{ claim("no-such").paper.holds }}.', "the claim 'no-such': published results hold 0 of it"),
-    ('It holds: {{ claim("10-nutation").paper.decision }}.', "None"),
+    ('It holds: {{ claim("1-one-step").paper.decision }}.', "None"),
     ('{% assert claim("1-one-step").verdict == "REFUTED" %}It is false.', "contradict the sentence"),
     ("Line one.\n\n{{ open", "article.j2:3: "),
 ])  # fmt: skip

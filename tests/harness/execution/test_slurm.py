@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 
@@ -126,14 +127,14 @@ def test_the_recipe_runs_a_suite_on_slurm(slurm, tmp_path):
             client.wait_for_workers(2, timeout=JOBS)
             jobs = set(client.run(os.getenv, "SLURM_JOB_ID").values())
         assert set(ask("squeue", "-h", "-t", "running", "-o", "%i").split()) == jobs and len(jobs) == 2
-        command = [sys.executable, "-m", "mbsbench", "run", "small.toml"]
+        command = [str(Path(sys.executable).with_name("mbsbench")), "run", "small.toml"]
         line = [*command, "--cluster", cluster.scheduler_address, "--out", "on_slurm"]
         done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=DONE, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
     finally:
         cluster.close()
     subprocess.run([*command, "--out", "here"], cwd=tmp_path, check=True, capture_output=True, timeout=DONE)
-    there, here = ({r.run_id: r for r in store.records(tmp_path / name)} for name in ("on_slurm", "here"))
+    there, here = ({r.run_id: r for r in store.load(tmp_path / name).records} for name in ("on_slurm", "here"))
     assert there.keys() == here.keys() and len(there) == 3
     assert [(r.status, r.steps, r.energy_drift_max_J) for r in there.values()] == [
         (here[k].status, here[k].steps, here[k].energy_drift_max_J) for k in there
