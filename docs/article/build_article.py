@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import article_data as data  # type: ignore[import-not-found]  # beside this file
 import jinja2
@@ -48,7 +48,7 @@ RUN_LIMIT = 300  # [s] of one pass of pdflatex
 class Assert(Extension):
     """``{% assert claim("x").verdict == "REFUTED" %}``: the sentence that follows needs it."""
 
-    tags: ClassVar = {"assert"}
+    tags = {"assert"}  # noqa: RUF012  # as the base class has it
 
     def parse(self, parser: Any) -> nodes.Node:
         """A call that fails where the condition does not hold."""
@@ -129,7 +129,7 @@ def fill(text: str) -> str:
     try:
         return environment().from_string(text).render()
     except (Fault, jinja2.UndefinedError, AttributeError, TypeError, ValueError, KeyError) as error:
-        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == "<template>"]
+        lines = [f.lineno or 1 for f in traceback.extract_tb(error.__traceback__) if f.filename == "<template>"]
         raise at(lines[-1] if lines else 1, str(error)) from None
 
 
