@@ -18,7 +18,7 @@ distributed = pytest.importorskip("distributed", reason="needs the extra 'cluste
 from mbsbench.harness.execution.cluster import on_slurm  # noqa: E402
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
-UP, JOBS, DONE = 30.0, 240.0, 300.0  # [s] for the daemons, for the jobs to start, for a suite; much less when idle
+UP, JOBS, DONE = 60.0, 240.0, 600.0  # [s] for the daemons, for the jobs to start, for a suite; much less when idle
 SMALL = """
 name = "small"
 
