@@ -91,8 +91,9 @@ def found(name: str, side: str = "paper") -> str:
     every = "both" if f.settings == 2 else f"all {f.settings}"
     share = {0: f"none of the {f.settings}", f.settings: every}.get(f.holds, f"{f.holds} of the {f.settings}")
     met = f", at {f.met[0]} of {plural(f.met[1], claim(name).because.across)}" if f.met and f.holds else ""
-    crisp = f.decision and f.decision.by and not f.decision.unless
-    return f"holds in {share} settings {where}{met}{f', always and only with {condition(f.decision)}' if crisp else ''}"
+    d = f.decision
+    only = f", always and only with {condition(d)}" if d and d.by and not d.unless else ""
+    return f"holds in {share} settings {where}{met}{only}"
 
 
 def borderline() -> int:
