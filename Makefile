@@ -21,10 +21,11 @@ export OPENBLAS_NUM_THREADS := 1
 moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; while kill -0 $$job 2>/dev/null; do \
 	if test -t 2; then printf '\r%d s ' $$n >&2; fi; sleep 1; n=$$((n + 1)); done; \
 	if test -t 2; then echo >&2; fi; wait $$job
+apt = { apt-get update -qq && apt-get install -y -qq --no-install-recommends $(1); } >&2
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-shapes test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints clean
+.PHONY: help setup test test-shapes test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints article tex slurm test-slurm clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -118,6 +119,18 @@ pictures: $(READY) ## the pictures of the README and docs/judging.md, from RESUL
 
 joints: $(READY) ## the pictures of the joints in docs/joints-and-forces.md, from their rows
 	$(BIN)/python docs/draw_joints.py $(PICTURES)/joints
+
+article: $(READY) ## the article on what was found, from results/published: HTML, LaTeX and, with pdflatex, PDF
+	$(BIN)/python docs/article/build_article.py results/local/article
+
+tex: ## install pdflatex for the article (apt, as root)
+	@command -v pdflatex >/dev/null || $(call apt,texlive-latex-base texlive-latex-recommended lmodern)
+
+slurm: ## install SLURM for its test (apt, as root)
+	@test -x /usr/sbin/slurmctld || $(call apt,slurm-wlm munge)
+
+test-slurm: $(CLUSTER) slurm ## run a suite on a SLURM of one node, started for the test (as root)
+	$(BIN)/python -m pytest -q -rs --benchmark-disable tests/harness/execution/test_slurm.py
 
 report: $(READY) ## write the report of the newest results
 	$(BIN)/mbsbench report

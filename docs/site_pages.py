@@ -21,7 +21,7 @@ TITLES = {  # of the pages on the public names
     "api": "Runs and results", "catalogue": "Entries and their options", "types": "Problems, motions and their status",
     "solvers": "Compiled equations",
 }  # fmt: skip
-HIDDEN = {".py", ".toml"}  # of docs/, unless a page links to it
+HIDDEN = {".py", ".toml", ".j2"}  # of docs/, unless a page links to it
 
 
 def on_files(given: Files, config: MkDocsConfig) -> Files:

@@ -1,0 +1,267 @@
+"""Names that the article may use, each with its value from published results: claims, runs, tables and figures."""
+
+import math
+import re
+import tomllib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any, TypeVar
+
+from matplotlib.figure import Figure
+
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.judgements.claims import Claim, Finding, Verdict
+from mbsbench.harness.results.judgements.files import (
+    CLAIMS,
+    DRIFTS,
+    PUBLISHED,
+    SYMMETRIES,
+    WORK,
+    WRONG,
+    File,
+    read_judgement,
+)
+from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
+from mbsbench.reports.model.claim_words import FACTOR, condition, measured
+from mbsbench.reports.model.frontier import least
+from mbsbench.reports.model.words import number, plural
+from mbsbench.reports.plots.palette import looks
+from mbsbench.reports.plots.style import DOUBLE, INK, SINGLE, sheet
+
+OURS = re.compile(r"beyond-|.*-control|.*-ida$|.*-lower-index-")  # asked by us of other methods, not said in the paper
+COLOURS = {"SUPPORTED": "#3D62C7", "CONDITIONAL": "#62AF96", "MIXED": "#E0B040", "REFUTED": "#BB3939",
+           "UNTESTABLE": "#B9BFC6"}  # fmt: skip
+RACE = ("gc_weak_form", "gc_augmented_lagrangian", "rattle", "generalized_alpha", "energy_momentum", "ida_index1",
+        "ida_index3", "rk45_strong_form", "rkmk_dop853")  # fmt: skip
+MOTIONS = ("torque_free_body[t_end=300]", "spherical_pendulum", "heavy_top", "chain[t_end=2]", "four_bar_grid")
+T = TypeVar("T")
+Table = tuple[list[str], list[list[str]]]  # heads and rows
+
+
+class Fault(ValueError):
+    """A name without a source, or a sentence that the results contradict; the message is one line."""
+
+
+@cache
+def read(file: File[T]) -> T:
+    """A published judgement."""
+    return read_judgement(file, PUBLISHED)
+
+
+def one(found: Sequence[Any], what: str) -> Any:
+    """The only one of ``found``."""
+    if len(found) != 1:
+        raise Fault(f"{what}: published results hold {len(found)} of it, expected one")
+    return found[0]
+
+
+@cache
+def claims() -> dict[str, Claim]:
+    """The published claims on results by their names; checks of the set-up are left out."""
+    return {c.id: c for c in read(CLAIMS) if c.kind == "result"}
+
+
+def claim(name: str) -> Claim:
+    """One claim; ``paper`` and ``beyond`` are its findings."""
+    return one([c for c in claims().values() if c.id == name], f"the claim {name!r}")  # type: ignore[no-any-return]
+
+
+def count(verdict: str, side: str = "paper") -> int:
+    """Claims of the paper with that verdict at its settings, or beyond them."""
+    return sum(f.verdict == Verdict(verdict) for c in claims().values()
+               if not OURS.match(c.id) and (f := getattr(c, side)))  # fmt: skip
+
+
+def judged(side: str = "paper") -> int:
+    """Claims of the paper with a verdict at its settings, or beyond them."""
+    return sum(count(v, side) for v in Verdict)
+
+
+def found(name: str, side: str = "paper") -> str:
+    """``holds in 3 of the 6 settings that the paper prints``, true for each verdict."""
+    f: Finding | None = getattr(claim(name), side)
+    where = "that the paper prints" if side == "paper" else "beyond them" if claim(name).paper else "tried"
+    if f is None:
+        raise Fault(f"the claim {name!r} has no settings {where}")
+    if f.verdict is Verdict.UNTESTABLE:
+        return f"cannot be judged from the settings {where}"
+    if f.settings == 1:
+        return f"{'holds' if f.holds else 'does not hold'} in the one setting {where}"
+    every = "both" if f.settings == 2 else f"all {f.settings}"
+    share = {0: f"none of the {f.settings}", f.settings: every}.get(f.holds, f"{f.holds} of the {f.settings}")
+    met = f", at {f.met[0]} of {plural(f.met[1], claim(name).because.across)}" if f.met and f.holds else ""
+    d = f.decision
+    only = f", always and only with {condition(d)}" if d and d.by and not d.unless else ""
+    return f"holds in {share} settings {where}{met}{only}"
+
+
+def borderline() -> int:
+    """Claims of the paper with a verdict that another band would flip."""
+    return sum(any(f.borderline for f in c.findings) for c in claims().values() if not OURS.match(c.id))
+
+
+def runs() -> int:
+    """Runs whose cost and error are published."""
+    return len({p.settings_id for p in read(WORK).points})
+
+
+def solvers() -> int:
+    """Solvers with published runs."""
+    return len({p.solver for p in read(WORK).points})
+
+
+def false_successes() -> int:
+    """Runs that claim success and break a law."""
+    return len({w.settings_id for w in read(WRONG)})
+
+
+def engines_published() -> bool:
+    """Whether any engine has published runs."""
+    names = {p.stem for p in (ROOT / "solvers" / "engines").glob("[!_]*.py")}
+    return any(p.solver in names for p in read(WORK).points)
+
+
+def growth(problem: str) -> float:
+    """The factor by which a changed start has grown after a second."""
+    values = {s.growth for s in read(SYMMETRIES)
+              if s.variant == f"{problem}[t_end=1]" and math.isfinite(s.growth)}  # fmt: skip
+    return one(sorted(values), f"the growth on {problem!r}")  # type: ignore[no-any-return]
+
+
+def point(case: str) -> WorkPoint:
+    """The published cost and error of one run."""
+    same = {p.settings_id: p for p in read(WORK).points if p.case == case}
+    return one(list(same.values()), f"the run {case!r}")  # type: ignore[no-any-return]
+
+
+def drift(case: str) -> Drift:
+    """The published drift of one long run."""
+    return one([d for d in read(DRIFTS) if d.case == case], f"the drift of {case!r}")  # type: ignore[no-any-return]
+
+
+def cost(solver: str, variant: str, part: int) -> float:
+    """Least index-1 evaluations of a solver for the target ``part`` (half powers of ten below a tenth of the reach)."""
+    work = read(WORK)
+    problem = variant.partition("[")[0]
+    known = {t.variant: t.errors[part] for t in work.targets if t.variant.partition("[")[0] == problem}
+    if not known:
+        raise Fault(f"published results hold no target on {problem!r}")
+    target = known.get(variant, list(known.values())[-1])
+    sound = [p for p in work.points if p.variant == variant and p.solver == solver and p.index1 == p.index1
+             and p.status in ("success", "inaccurate") and p.label in ("work", "recommended")]  # fmt: skip
+    ladders: dict[str, dict[str, WorkPoint]] = {}
+    for p in sound:
+        ladders.setdefault(re.sub(r" (dt|rtol)=\S+", "", p.case), {})[p.settings_id] = p
+    reached = [r for own in ladders.values()
+               if (r := least(sorted(((p.error, p.index1) for p in own.values()), reverse=True), target))]  # fmt: skip
+    return min((r[0] for r in reached), default=math.inf)
+
+
+def cheapest(variant: str, part: int = 4) -> str:
+    """The solver of the race with the least work for that target."""
+    return min(RACE, key=lambda s: cost(s, variant, part))
+
+
+def paper() -> dict[str, Any]:
+    """The cited paper, from CITATION.cff."""
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8").partition("references:")[2]
+    return {k: v.strip('" ') for k, v in re.findall(r"(title|journal|year): (.*)", text)}
+
+
+def objections() -> int:
+    """Objections that runs answer."""
+    return len(tomllib.loads((ROOT / "results" / "objections.toml").read_text(encoding="utf-8"))["objections"])
+
+
+def sections() -> list[str]:
+    """Sections of the paper with claims, in its order."""
+    return sorted({c.section for c in claims().values() if not OURS.match(c.id)})
+
+
+def by_section(section: str, side: str) -> Counter[str]:
+    """Counts of verdicts."""
+    return Counter(str(f.verdict) for c in claims().values()
+                   if c.section == section and not OURS.match(c.id) and (f := getattr(c, side)))  # fmt: skip
+
+
+def verdict_table() -> Table:
+    """Verdicts by section, at the paper's settings | beyond them."""
+
+    def cells(count: Callable[[str, str], int]) -> list[str]:
+        return [" / ".join(str(count(v, s)) for s in ("paper", "beyond")) for v in COLOURS]
+
+    rows = [[f"Sect. {s}", *cells(lambda v, side, s=s: by_section(s, side)[v])] for s in sections()]  # type: ignore[misc]
+    return ["", *(v.capitalize() for v in COLOURS)], [*rows, ["all", *cells(count)]]
+
+
+def cost_table() -> Table:
+    """Work for a thousandth of the reach."""
+    rows = []
+    for s in RACE:
+        works = [cost(s, v, 4) for v in MOTIONS]
+        rows.append([f"`{s}`", *("–" if w == float("inf") else number(w) for w in works)])
+    return ["", *(v.partition("[")[0].replace("_", " ") for v in MOTIONS)], rows
+
+
+def settings_table() -> Table:
+    """Claims that the choices left open decide."""
+    names = ("6-gc-planar", "11-gc-coincident", "9-gc-conserves", "9-gc-recovers", "2-no-ad-hoc-choice", "7-ode-agree")
+    rows = []
+    for c in map(claim, names):
+        f = c.paper
+        rows.append([f"`{c.id}`", *((f"{f.holds} of {f.settings}", str(f.verdict).lower()) if f else ("–", "–"))])
+    return ["claim", "holds", "verdict"], rows
+
+
+def draw_sections() -> Figure:
+    """Bars of verdicts by section at the paper's settings."""
+    figure = sheet(SINGLE * 1.35, 2.1)
+    axes, names = figure.subplots(), sections()[::-1]
+    for k, s in enumerate(names):
+        left = 0
+        for v, colour in COLOURS.items():
+            n = by_section(s, "paper")[v]
+            axes.barh(k, n, left=left, color=colour, label=v.lower() if k == 0 else None, height=0.7)
+            left += n
+    axes.set_yticks(range(len(names)), [f"Sect. {s}" for s in names])
+    axes.grid(axis="y", visible=False)
+    axes.set_xlabel("claims, at the paper's settings")
+    figure.legend(loc="outside upper center", ncols=5, handlelength=1.0, columnspacing=0.9)
+    return figure
+
+
+def draw_frontier() -> Figure:
+    """Error over work on top and chain, the lower front of each solver's runs."""
+    figure = sheet(0.9 * DOUBLE, 2.6)
+    for axes, variant in zip(figure.subplots(1, 2), ("heavy_top", "chain[t_end=2]"), strict=True):
+        for solver, look in looks(RACE).items():
+            own = {(p.index1, p.error) for p in read(WORK).points if p.solver == solver
+                   and p.variant == variant and p.best and p.status == "success" and p.error > 0.0}  # fmt: skip
+            x, y = zip(*sorted(own), strict=True) if own else ((), ())
+            axes.loglog(x, y, marker=look.marker, color=look.colour, label=solver)
+        axes.set(title=variant, xlabel="index-1 evaluations", ylabel="largest position error [m]")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def draw_growth() -> Figure:
+    """Growth of a changed start over a second."""
+    values = {m.partition("[")[0]: growth(m.partition("[")[0]) for m in MOTIONS}
+    figure = sheet(SINGLE * 1.2, 1.5)
+    axes = figure.subplots()
+    ranked = sorted(values.items(), key=lambda pair: pair[1])
+    axes.barh([n.replace("_", " ") for n, _ in ranked], [v for _, v in ranked], color=COLOURS["SUPPORTED"], height=0.6)
+    for k, (_, v) in enumerate(ranked):
+        axes.text(v * 1.08, k, number(v, 2), va="center", fontsize=7, color=INK)
+    axes.set(xscale="log", xlabel="growth over one second", xlim=(None, 4.0 * ranked[-1][1]))
+    axes.grid(axis="y", visible=False)
+    return figure
+
+
+TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cost_table, "choices": settings_table}
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "sections": draw_sections, "frontier": draw_frontier, "growth": draw_growth}  # fmt: skip
+NAMES: dict[str, Any] = {f.__name__: f for f in (claim, count, judged, found, borderline, runs, solvers,
+                         false_successes, engines_published, growth, point, drift, cheapest, paper,
+                         objections, plural, measured)} | {"factor": f"{FACTOR:g}"}  # fmt: skip
