@@ -454,7 +454,7 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
             ("rate_error_{}_m_per_s", p.by_group(p.rate(v, w)) * ratio, speed),
         ):
             columns[key] = (errors.max(1), EPS * slack, at, every)
-        columns["reference_own_error_{}_m"] = (x["error"], 0.0, at, every)
+        columns["reference_own_error_{}_m"] = (x["error"], 1e-3 * EPS * size, at, every)  # the rounding of an estimate
         early, length = e["error"][np.searchsorted(e["t"], at / 10, "right") - 1], scales["length_scale_m"].max()
         usable = (x["error"] < 1e-9 * length) | ((x["error"] < 1e-3 * length) & (x["error"] < 100 * early))
         judged_to = at[np.logical_and.accumulate(usable)].max(initial=0)

@@ -184,6 +184,12 @@ ELSEWHERE = {
         "our own code, and the catalogue kept in our cache",
     ),
     "reports/model/catalogue.py": ("is_file read_text", "our own code"),
+    "cli/bundle.py": ("stat", "the file that it has written"),
+    "cli/ladder.py": (
+        "exists glob read_text",
+        "a folder of bundles, each read as hostile data, and the labels beside them",
+    ),
+    "cli/shadow.py": ("is_file", "a file that the user named"),
     "cli/check.py": ("glob is_file", "a plugin, and the names beside it"),
     "cli/export.py": ("write_text", "a file that the user named"),
     "cli/gate.py": ("exists is_file is_symlink read_text unlink write_text", "files that the user named"),
@@ -213,6 +219,9 @@ ELSEWHERE = {
     "reports/pages/base.py": ("read_bytes", "our own assets"),
     "reports/plots/palette.py": ("glob", "our own catalogue"),
     "reports/site.py": ("iterdir", "our own assets"),
+    "reports/ensemble.py": ("write_text", "the page that the user named"),
+    "reports/ladder.py": ("write_text", "the page that the user named"),
+    "reports/shadow.py": ("write_text", "the page that the user named"),
     "reports/tried.py": ("read_bytes write_text", "a temporary folder, and the page that the user named"),
 }
 
