@@ -292,7 +292,7 @@ def test_laws_are_judged_to_what_digits_and_spacing_leave(tmp_path):
     rows = np.array([[float(f"{x:.2f}") for x in row] for row in exact()])
     rows[0] = exact()[0]
     rows[:, 0] = exact()[:, 0]
-    rows[1, 1:] += 1e-9  # nine decimals in every column
+    rows[1, 1:] += 1.23456789e-5  # nine digits in every column
     fine = judge(written(tmp_path / "fine.csv", rows))
     assert fine.status == "wrong" and coarse.status == "success"
     assert coarse.phi_max == pytest.approx(fine.phi_max, rel=0.1)
