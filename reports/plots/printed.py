@@ -123,6 +123,7 @@ def _draw(ax: Axes, trace: Trace, look: Look, floors: tuple[float, float], phase
     if trace.mode == "lines":
         u = np.log(x) if floors[0] > 0.0 else x
         spots = np.searchsorted(u, u[0] + (np.arange(5) + phase) / 5.0 * (u[-1] - u[0]))
+        spots = np.minimum(spots, len(x) - 1)  # a path may turn back
         style |= {"markevery": np.unique(spots).tolist(), "marker": look.marker if trace.solver else ""}
     else:
         style["marker"] = ""

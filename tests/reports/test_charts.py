@@ -18,8 +18,8 @@ from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_b
 from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, observables
 from mbsbench.reports.plots.limits import limit
 from mbsbench.reports.plots.lines import MOST, lines_of, traces
-from mbsbench.reports.plots.printed import Legend
-from mbsbench.reports.plots.spec import Trace
+from mbsbench.reports.plots.printed import Legend, figure
+from mbsbench.reports.plots.spec import Axis, Plot, Trace
 from mbsbench.reports.plots.work import work_chapter
 
 from .conftest import HOSTILE, put, record, series
@@ -360,3 +360,10 @@ def test_labels_of_a_printed_log_axis_do_not_overlap(low, decades):
         inside = [t.label1 for t in ticks if low <= t.get_loc() <= low * 10.0**decades and t.label1.get_text()]
         boxes = [label.get_window_extent(canvas.get_renderer()) for label in inside]
     assert boxes and not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
+def test_a_path_that_turns_back_is_drawn(tmp_path):
+    """Its last abscissa is not its largest: the marks along it stay on it."""
+    path = Trace("path", np.array([0.0, 1.0, 0.5]), np.zeros(3), "alpha")
+    plot = Plot("paths", "Paths", "", Axis("X", "m"), Axis("Y", "m"), [path])
+    figure([plot], {"alpha": palette.Look("#3D62C7", "o")}).savefig(tmp_path / "path.svg")
