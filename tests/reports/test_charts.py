@@ -363,7 +363,7 @@ def test_labels_of_a_printed_log_axis_do_not_overlap(low, decades):
 
 
 def test_a_path_that_turns_back_is_drawn(tmp_path):
-    """Its last abscissa is not its largest: the marks along it stay on it."""
-    path = Trace("path", np.array([0.0, 1.0, 0.5]), np.zeros(3), "alpha")
+    """It runs to smaller abscissas: the marks along it stay on it."""
+    path = Trace("path", np.array([1.0, 0.5, 0.0]), np.zeros(3), "alpha")
     plot = Plot("paths", "Paths", "", Axis("X", "m"), Axis("Y", "m"), [path])
     figure([plot], {"alpha": palette.Look("#3D62C7", "o")}).savefig(tmp_path / "path.svg")
