@@ -13,13 +13,14 @@ import tests.shape_checks  # noqa: F401 - the hook looks it up by its name
 ROOT = Path(__file__).resolve().parents[1]
 SHAPED = ("cli", "harness", "problems", "solvers", "reports")
 COMPILED = ("user_forces", "methods", "compiled", "rows")  # what numba compiles takes no wrapper
+EXTENDED = ("exact",)  # jaxtyping has no dtype of 64 bits of mantissa
 if os.environ.get("SHAPES") == "1":
     install_import_hook(
         [
             ".".join(("mbsbench", *path.relative_to(ROOT).with_suffix("").parts))
             for folder in SHAPED
             for path in (ROOT / folder).rglob("*.py")
-            if path.stem not in COMPILED and path.parent.name not in COMPILED
+            if path.stem not in COMPILED and path.parent.name not in (*COMPILED, *EXTENDED)
         ],
         "tests.shape_checks.check",
     )
