@@ -1,19 +1,23 @@
 """Certified motions are computed anew in tests (a file from an older equation must not vouch for it), and short."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
 from mbsbench.harness.reference import orbit
 from mbsbench.problems import chain, four_bar_grid, n_four_bar
 
+HERE, FRESH = Path(__file__).parent, TemporaryDirectory()
 
-@pytest.fixture(scope="package", autouse=True)
-def fresh_references(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """References kept in a folder of this session, sought for 1.5 s."""
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """References kept in a folder of this process, sought for 1.5 s, while a test of this folder runs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(orbit, "FOLDER", tmp_path_factory.mktemp("references"))
-        patch.setattr(chain, "SOUGHT", 1.5)
-        patch.setattr(four_bar_grid, "SOUGHT", 1.5)
-        patch.setattr(n_four_bar, "SOUGHT", 1.5)
-        yield
+        if item.path.is_relative_to(HERE):
+            patch.setattr(orbit, "FOLDER", Path(FRESH.name))
+            for problem in (chain, four_bar_grid, n_four_bar):
+                patch.setattr(problem, "SOUGHT", 1.5)
+        return (yield)
