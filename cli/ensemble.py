@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     if unknown := [k for k in given if k not in CONTROL]:
         raise UsageError(f"--set takes {', '.join(CONTROL)} (got {', '.join(unknown)})")
     codes = [_make_code(problem, solver, given) for solver in arguments.solvers]
-    truth = _make_code(problem, arguments.truth, {"rtol": str(TRUE_RTOL)})
+    truth = _prefer_own_code(problem, _make_code(problem, arguments.truth, {"rtol": str(TRUE_RTOL)}))
     if truth.control.rtol is None:
         raise UsageError(f"--truth must be controlled by rtol ({arguments.truth} is controlled by dt)")
     if arguments.html:
@@ -67,6 +67,14 @@ def _make_code(problem: Problem, solver: str, given: dict[str, str]) -> Code:
     control = step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
     setting = f"{entry.control}={getattr(control, entry.control):g}"
     return Code(solver, setting, registry.make_solver(solver), control)
+
+
+def _prefer_own_code(problem: Problem, code: Code) -> Code:
+    """With code made for the mechanism, where the solver can: thousands of members pay for it."""
+    if "code" not in registry.entry_of("solver", code.name, registry.solvers()).parameters:
+        return code
+    solver = registry.make_solver(code.name, {"code": "mechanism"})
+    return code if solver.refuses(problem, code.control) else replace(code, solver=solver)
 
 
 def _run(e: Ensemble, code: Code, members: range, jobs: int, is_needed: bool = False) -> Cloud:

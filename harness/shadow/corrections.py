@@ -84,4 +84,8 @@ class Continuity:
 
     def size(self, z: Float[np.ndarray, "nodes m"]) -> float:
         """Its norm [m]."""
-        return float(np.sqrt(np.sum(self.w[:, None] * z**2)))
+        return float(np.sqrt(self.product(z, z)))
+
+    def product(self, y: Float[np.ndarray, "nodes m"], z: Float[np.ndarray, "nodes m"]) -> float:
+        """Of two corrections [m^2]."""
+        return float(np.sum(self.w[:, None] * y * z))

@@ -17,7 +17,8 @@ CONTRACTS = 0.1  # tangents are kept while a correction is smaller than the one 
 PROJECTIONS = 4
 LEAST_DAMPING = 1 / 64
 MOST_ITERATIONS = 20
-NEAREST = 1e-3  # of the distance: a change that counts no more
+NEAREST = 1e-3  # of the distance: a step that counts no more
+SETTLED = 1e-4  # of the distance: what a step must win at least
 
 
 class Refinement:
@@ -87,29 +88,41 @@ class Refinement:
         return self.gap < CLOSED
 
     def approach(self) -> None:
-        """Move a closed motion to the nearest one, as far as that makes it nearer."""
+        """Move a closed motion to the nearest one, by conjugate directions, as far as that makes it nearer."""
+        damping, direction, last = 1.0, np.zeros_like(self.y), np.inf
         for _ in range(MOST_ITERATIONS):
             linear = self._linearise()
             away = self.frames.measure(self.y - self.given)
             along = linear.least(linear.apply(away)) - away
-            before, y, damping = linear.size(away), self.y, 1.0
-            if linear.size(along) < NEAREST * before:
+            before, steepest, y = linear.size(away), linear.size(along), self.y
+            if steepest < NEAREST * before:
                 return
-            while not self._step(linear, y + damping * self.frames.move(along), before):
+            conjugate = self.frames.measure(direction)
+            conjugate -= linear.least(linear.apply(conjugate))
+            z = along + (steepest / last) ** 2 * conjugate
+            slope = -linear.product(away, z)
+            if not slope > 0.0:
+                z, slope = along, steepest**2
+            direction, last = self.frames.move(z), steepest
+            while not (after := self._step(linear, y + damping * direction)) < before:
                 damping *= 0.5
                 if damping < LEAST_DAMPING:
                     self._place(y)
                     return
+            if before - after < SETTLED * before:
+                return
+            bend = after**2 - before**2 + 2.0 * damping * slope  # of the square over the step: a parabola
+            damping = min(1.0, slope * damping**2 / bend) if bend > 0.0 else 1.0
 
-    def _step(self, linear: Continuity, y: np.ndarray, before: float) -> bool:
-        """Take ``y`` with its gaps closed by the tangents at hand; whether it is nearer than ``before``."""
+    def _step(self, linear: Continuity, y: np.ndarray) -> float:
+        """Take ``y`` with its gaps closed by the tangents at hand; how far it is then, infinite where they stay open."""
         self._place(y)
         self.iterations += 1
         last = np.inf
         while self.gap >= CLOSED:
             z = linear.least(-self.gaps)
             if not linear.size(z) < 0.5 * last:
-                return False
+                return np.inf
             last = linear.size(z)
             self._place(self.y + self.frames.move(z))
-        return linear.size(self.frames.measure(self.y - self.given)) < before
+        return linear.size(self.frames.measure(self.y - self.given))
