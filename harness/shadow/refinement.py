@@ -115,7 +115,7 @@ class Refinement:
             damping = min(1.0, slope * damping**2 / bend) if bend > 0.0 else 1.0
 
     def _step(self, linear: Continuity, y: np.ndarray) -> float:
-        """Take ``y`` with its gaps closed by the tangents at hand; how far it is then, infinite where they stay open."""
+        """Take ``y``, its gaps closed by the tangents at hand; its distance, infinite where they stay open."""
         self._place(y)
         self.iterations += 1
         last = np.inf
