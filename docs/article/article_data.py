@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from matplotlib.figure import Figure
 
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.results.judgements.claims import Claim, Finding, Verdict
+from mbsbench.harness.results.judgements.claims import Claim, Condition, Finding, Verdict
 from mbsbench.harness.results.judgements.files import (
     CLAIMS,
     DRIFTS,
@@ -94,6 +94,26 @@ def found(name: str, side: str = "paper") -> str:
     d = f.decision
     only = f", always and only with {condition(d)}" if d and d.by and not d.unless else ""
     return f"holds in {share} settings {where}{met}{only}"
+
+
+def where(name: str, side: str = "paper", **at: str) -> Condition:
+    """The group of settings with these choices in which the claim always or never holds."""
+    f: Finding | None = getattr(claim(name), side)
+    groups = f.decision.conditions if f and f.decision else ()
+    return one([g for g in groups if g.at == at], f"the claim {name!r} with {at}")  # type: ignore[no-any-return]
+
+
+def share(name: str, side: str = "paper", **at: str) -> str:
+    """``3 of 3``: settings of that group, or of all, in which the claim holds."""
+    group = where(name, side, **at) if at else getattr(claim(name), side)
+    if group is None or not group.settings:
+        raise Fault(f"the claim {name!r} has no settings to count")
+    return f"{group.holds} of {group.settings}"
+
+
+def judged_none(*names: str) -> bool:
+    """Whether no printed setting bears any of the claims out."""
+    return all((f := claim(n).paper) and f.verdict is Verdict.REFUTED for n in names)
 
 
 def borderline() -> int:
@@ -204,31 +224,21 @@ def cost_table() -> Table:
     return ["", *(v.partition("[")[0].replace("_", " ") for v in MOTIONS)], rows
 
 
-def settings_table() -> Table:
-    """Claims that the choices left open decide."""
-    names = ("6-gc-planar", "11-gc-coincident", "9-gc-conserves", "9-gc-recovers", "2-no-ad-hoc-choice", "7-ode-agree")
+def forms_table() -> Table:
+    """Claims on ODE-GC as printed, and in groups of settings that decide."""
+    names = ("6-gc-planar", "11-gc-coincident", "11-gc-rate", "9-gc-recovers", "9-gc-conserves", "general-stabilised")
     rows = []
     for c in map(claim, names):
-        f = c.paper
-        rows.append([f"`{c.id}`", *((f"{f.holds} of {f.settings}", str(f.verdict).lower()) if f else ("–", "–"))])
-    return ["claim", "holds", "verdict"], rows
-
-
-def draw_sections() -> Figure:
-    """Bars of verdicts by section at the paper's settings."""
-    figure = sheet(SINGLE * 1.35, 2.1)
-    axes, names = figure.subplots(), sections()[::-1]
-    for k, s in enumerate(names):
-        left = 0
-        for v, colour in COLOURS.items():
-            n = by_section(s, "paper")[v]
-            axes.barh(k, n, left=left, color=colour, label=v.lower() if k == 0 else None, height=0.7)
-            left += n
-    axes.set_yticks(range(len(names)), [f"Sect. {s}" for s in names])
-    axes.grid(axis="y", visible=False)
-    axes.set_xlabel("claims, at the paper's settings")
-    figure.legend(loc="outside upper center", ncols=5, handlelength=1.0, columnspacing=0.9)
-    return figure
+        sides = [f.decision.conditions if f and f.decision else () for f in (c.paper, c.beyond)]
+        printed = [g for g in sides[0] if g.at == {"direction": "translation"}]
+        sound = [g for g in sides[1] if g.at.get("sigma0") == "zero" and g.holds]
+        cells = [f"{c.paper.holds} of {c.paper.settings}" if c.paper else "–"]
+        for groups in (printed, sound):
+            words = [f"{g.holds} of {g.settings}" + "".join(f", {k} {v}" for k, v in g.at.items()
+                     if groups is sound and k != "sigma0") for g in groups[:1]]  # fmt: skip
+            cells += words or ["–"]
+        rows.append([f"`{c.id}`", *cells])
+    return ["claim", "as printed", "with translations", "each step begun at zero"], rows
 
 
 def draw_frontier() -> Figure:
@@ -259,9 +269,8 @@ def draw_growth() -> Figure:
     return figure
 
 
-TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cost_table, "choices": settings_table}
-FIGURES: dict[str, Callable[[], Figure]] = {
-    "sections": draw_sections, "frontier": draw_frontier, "growth": draw_growth}  # fmt: skip
-NAMES: dict[str, Any] = {f.__name__: f for f in (claim, count, judged, found, borderline, runs, solvers,
-                         false_successes, engines_published, growth, point, drift, cheapest, paper,
+TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cost_table, "forms": forms_table}
+FIGURES: dict[str, Callable[[], Figure]] = {"frontier": draw_frontier, "growth": draw_growth}
+NAMES: dict[str, Any] = {f.__name__: f for f in (claim, count, judged, found, where, share, judged_none, borderline,
+                         runs, solvers, false_successes, engines_published, growth, point, drift, cheapest, paper,
                          objections, plural, measured)} | {"factor": f"{FACTOR:g}"}  # fmt: skip

@@ -9,6 +9,8 @@ import contextlib
 import json
 import secrets
 import shlex
+import shutil
+import subprocess
 import sys
 import tempfile
 import threading
@@ -117,7 +119,8 @@ def on_slurm(**options: Any) -> Any:
     """A ``dask_jobqueue.SLURMCluster`` whose workers execute runs: one at a time each, one thread, from this checkout.
 
     ``options`` are its own: memory, walltime, queue, account, job_extra_directives; ``scale`` it, then give its
-    ``scheduler_address`` to ``--cluster``.
+    ``scheduler_address`` to ``--cluster``. A job that SLURM would refuse is a PoolError here; without this check the
+    cluster has no workers and gives no reason.
     """
     try:
         from dask_jobqueue import SLURMCluster
@@ -127,7 +130,14 @@ def on_slurm(**options: Any) -> Any:
     prologue += [f"export {name}={value}" for name, value in environment.THREADS.items()]
     own = {"cores": 1, "processes": 1, "memory": "8GB", "walltime": "02:00:00", "python": sys.executable}
     prologue += options.pop("job_script_prologue", [])
-    return SLURMCluster(**{**own, **options}, job_script_prologue=prologue)
+    cluster = SLURMCluster(**{**own, **options}, job_script_prologue=prologue)
+    if shutil.which("sbatch"):
+        try_out = ["sbatch", "--test-only"]
+        tried = subprocess.run(try_out, input=cluster.job_script(), capture_output=True, text=True, check=False)
+        if tried.returncode:
+            cluster.close()
+            raise PoolError(f"SLURM refuses the job: {' '.join(tried.stderr.split())}")
+    return cluster
 
 
 def run_run(text: str, ticket: str = "") -> dict[str, bytes]:

@@ -103,12 +103,13 @@ def test_a_disk_that_is_full_here_is_no_fault_of_the_cluster(tmp_path):
             pool.run([job])
 
 
-def test_slurm_is_given_the_right_job(tmp_path):
+def test_slurm_is_given_the_right_job(tmp_path, monkeypatch):
     """No SLURM is needed to see the script: one thread, one run at a time, this checkout, this Python, our options."""
     pytest.importorskip("dask_jobqueue", reason="needs the extra 'cluster'")
     from mbsbench.harness.execution.cluster import on_slurm
     from mbsbench.harness.results.environment import THREADS
 
+    monkeypatch.setenv("PATH", "")  # no sbatch, which would ask a SLURM
     quiet = {"dashboard_address": None, "host": "127.0.0.1"}
     cluster = on_slurm(queue="short", walltime="00:30:00", log_directory=str(tmp_path), scheduler_options=quiet)
     try:

@@ -1,34 +1,33 @@
 """The recipe of docs/running.md on a real SLURM: one node, its three daemons started here on ports of their own."""
 
 import os
+import re
 import shutil
 import socket
 import subprocess
 import sys
+import textwrap
 import time
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
+from mbsbench import load
+from mbsbench.harness.execution.pool import PoolError
 from mbsbench.harness.results import store
+from mbsbench.harness.results.environment import ROOT
 
 pytest.importorskip("dask_jobqueue", reason="needs the extra 'cluster'")
 distributed = pytest.importorskip("distributed", reason="needs the extra 'cluster'")
 from mbsbench.harness.execution.cluster import on_slurm  # noqa: E402
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
-UP, JOBS, DONE = 60.0, 240.0, 600.0  # [s] for the daemons, for the jobs to start, for a suite; much less when idle
-SMALL = """
-name = "small"
-
-[[runs]]
-problem = "heavy_top"
-parameters = { t_end = 0.2 }
-solver = ["gc_weak_form", "rk45_strong_form"]
-dt = [0.002, 0.001]
-rtol = 1e-8
-"""  # that of docs/running.md
+UP, DONE = 60.0, 600.0  # [s] for the daemons, for a suite; much less when idle
+PAGE = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
+(SMALL,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+(RECIPE,) = (textwrap.dedent(b) for b in re.findall(r"(?:^(?: {4}.*)?\n)+", PAGE, re.MULTILINE) if "on_slurm" in b)
+MBSBENCH = Path(sys.executable).with_name("mbsbench")
 CONF = """
 ClusterName=one
 SlurmctldHost={host}(127.0.0.1)
@@ -66,8 +65,8 @@ def free_ports(count):
         return [one.getsockname()[1] for one in taken]
 
 
-@pytest.fixture
-def slurm(tmp_path_factory, monkeypatch):
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory):
     """A SLURM of one node with two cores, idle; skipped where it cannot start."""
     missing = [d for d in DAEMONS if not shutil.which(d, path=f"{os.environ['PATH']}:/usr/sbin")]
     if missing or os.geteuid() != 0:
@@ -81,7 +80,8 @@ def slurm(tmp_path_factory, monkeypatch):
     key.write_bytes(os.urandom(128))
     key.chmod(0o400)
     conf.write_text(CONF.format(host=host, ports=free_ports(2), at=at))
-    monkeypatch.setenv("SLURM_CONF", str(conf))
+    patch = pytest.MonkeyPatch()
+    patch.setenv("SLURM_CONF", str(conf))
     files = {"socket": "socket", "pid-file": "pid", "log-file": "log", "seed-file": "seed"}
     places = [f"--{option}={at / 'munge'}.{suffix}" for option, suffix in files.items()]
     lines = (
@@ -108,6 +108,7 @@ def slurm(tmp_path_factory, monkeypatch):
             process.terminate()
         for process in started:
             process.wait(20.0)
+        patch.undo()
 
 
 def ask(*line):
@@ -116,30 +117,64 @@ def ask(*line):
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
-@pytest.mark.slow
-def test_the_recipe_runs_a_suite_on_slurm(slurm, tmp_path):
-    """Two jobs of SLURM run the suite; steps are those of a run on this machine, and no job is left."""
-    (tmp_path / "small.toml").write_text(SMALL)
-    cluster = on_slurm(memory="8GB", walltime="02:00:00", log_directory=str(tmp_path / "logs"))
-    try:
-        cluster.scale(2)
-        with distributed.Client(cluster) as client:
-            client.wait_for_workers(2, timeout=JOBS)
-            jobs = set(client.run(os.getenv, "SLURM_JOB_ID").values())
-        assert set(ask("squeue", "-h", "-t", "running", "-o", "%i").split()) == jobs and len(jobs) == 2
-        command = [str(Path(sys.executable).with_name("mbsbench")), "run", "small.toml"]
-        line = [*command, "--cluster", cluster.scheduler_address, "--out", "on_slurm"]
-        done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, timeout=DONE, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-    finally:
-        cluster.close()
-    subprocess.run([*command, "--out", "here"], cwd=tmp_path, check=True, capture_output=True, timeout=DONE)
-    there, here = ({r.run_id: r for r in store.load(tmp_path / name).records} for name in ("on_slurm", "here"))
-    assert there.keys() == here.keys() and len(there) == 3
-    assert [(r.status, r.steps, r.energy_drift_max_J) for r in there.values()] == [
-        (here[k].status, here[k].steps, here[k].energy_drift_max_J) for k in there
-    ]
+def numbers(records):
+    """What a run has wherever it was made."""
+    return {r.run_id: (r.status, r.steps, r.energy_drift_max_J) for r in records}
+
+
+def wait_until_no_job_is_left():
     until = time.monotonic() + UP
     while (left := ask("squeue", "-h", "-o", "%i")) and time.monotonic() < until:
         time.sleep(0.5)
     assert not left
+
+
+@pytest.mark.slow
+def test_the_recipe_of_the_page_runs_its_suite_on_slurm(slurm, tmp_path, monkeypatch):
+    """Two jobs of SLURM run the suite; steps are those of a run on this machine, and no job is left."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", str(MBSBENCH.parent), prepend=os.pathsep)
+    Path("small.toml").write_text(SMALL)
+    done = subprocess.run([sys.executable, "-c", RECIPE], capture_output=True, text=True, timeout=DONE, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    there = numbers(r.record for r in load("latest").runs)
+    assert len(list(Path().glob("slurm-*.out"))) == 2
+    subprocess.run([MBSBENCH, "run", "small.toml", "--out", "here"], check=True, capture_output=True, timeout=DONE)
+    assert there == numbers(store.load(Path("here")).records) and len(there) == 3, done.stdout
+    wait_until_no_job_is_left()
+
+
+@pytest.mark.slow
+def test_runs_of_a_cancelled_job_go_to_another(slurm, tmp_path, monkeypatch):
+    """``scancel`` to a job in mid-run: each run has its record, with the numbers of a run on this machine."""
+    monkeypatch.chdir(tmp_path)
+    Path("small.toml").write_text(SMALL.replace("t_end = 0.2", "t_end = 2.0").replace("0.002, 0.001", "2e-4, 1e-4"))
+    with on_slurm() as cluster, distributed.Client(cluster) as client:
+        cluster.scale(2)
+        client.wait_for_workers(2, timeout=DONE)
+        jobs = client.run(os.getenv, "SLURM_JOB_ID")
+        line = [MBSBENCH, "run", "small.toml", "--cluster", cluster.scheduler_address, "--out", "there"]
+        with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as command:
+            until, busy = time.monotonic() + DONE, []
+            while not busy and command.poll() is None and time.monotonic() < until:
+                busy = [jobs[worker] for worker, runs in client.processing().items() if runs]
+                time.sleep(0.05)
+            subprocess.run(["scancel", busy[0]], check=True)
+            out, _ = command.communicate(timeout=DONE)
+        assert command.returncode == 0, out
+        assert busy[0] not in client.run(os.getenv, "SLURM_JOB_ID").values()
+    subprocess.run([MBSBENCH, "run", "small.toml", "--out", "here"], check=True, capture_output=True, timeout=DONE)
+    there, here = (numbers(store.load(Path(name)).records) for name in ("there", "here"))
+    assert there == here and len(there) == 3 and {status for status, *_ in there.values()} == {"success"}
+    wait_until_no_job_is_left()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("options", "words"), [
+    ({"memory": "900GB"}, "Requested node configuration is not available"),
+    ({"queue": "elsewhere"}, "invalid partition specified: elsewhere"),
+])  # fmt: skip
+def test_a_job_that_slurm_refuses_is_one_line(slurm, options, words):
+    with pytest.raises(PoolError, match=f"SLURM refuses the job: .*{words}") as error:
+        on_slurm(**options)
+    assert "\n" not in str(error.value)
