@@ -6,6 +6,7 @@ from typing import Any
 from ....harness.results.records import reasons_of
 from ...mechanism.stage import Role, stage
 from ...model.accuracy import measure_for
+from ...model.catalogue import code_of_others
 from ...model.frontier import of_most_problems
 from ...model.heat import Heat, boxes_of
 from ...model.margin import margin
@@ -76,7 +77,7 @@ def _said(role: Role, site: Site) -> dict[str, str]:
     since = min((r.time_s for r in broken if math.isfinite(r.time_s)), default=math.nan)
     badge = measured.word + (f" from {number(since)} s" if since == since else "")
     return {
-        "solver": run.record.solver, "words": role.words, "step": run.step_words, "url": site.url(run),
+        "solver": run.record.solver, "code": code_of_others(run.record.solver), "words": role.words, "step": run.step_words, "url": site.url(run),
         "claimed": run.record.claimed.replace("_", " "), "measured": badge, "kind": measured.kind,
         "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip
