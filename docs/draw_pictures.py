@@ -28,7 +28,7 @@ from mbsbench.reports.model.catalogue import code_of_others, is_engine
 from mbsbench.reports.model.frontier import Frontier, frontiers
 from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.model.variants import broadest
-from mbsbench.reports.model.words import number, seconds
+from mbsbench.reports.model.words import listed, number, seconds
 from mbsbench.reports.pages.runs.bands import ENGINES, false_successes
 from mbsbench.reports.plots.palette import looks
 from mbsbench.reports.plots.style import save
@@ -96,10 +96,11 @@ def draw_costs(results: Results) -> str:
     ends = f"{number(min(factors, default=1.0), 2)} to {number(max(factors, default=1.0), 2)}"
     parts = [_text(ROOM, 24, f"An error of 1 mm or 1 mrad: engines need {ends} times the CPU time of the cheapest code",
                    "", ' font-weight="bold"')]  # fmt: skip
-    tall = 74
+    tall = 88
     for k in range(low, high + 1):
         parts.append(f'<path d="M{x(10.0**k):.0f} 44V{44 + tall * len(last)}" stroke="currentColor" opacity="0.15"/>')
-        parts.append(_text(round(x(10.0**k)) - 16, 62 + tall * len(last), seconds(10.0**k)))
+        words = f"{10.0**k:g} s" if k > -2 else f"{10.0 ** (k + 3):g} ms"
+        parts.append(_text(round(x(10.0**k)) - 16, 62 + tall * len(last), words))
     for k, (name, f) in enumerate(last.items()):
         parts += [_text(ROOM, 88 + tall * k, name.replace("_", " ")), *_line_of(f, x, 84 + tall * k, right)]
     height = 76 + tall * len(last)
@@ -126,8 +127,7 @@ def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> 
             yield _text(round(start), y + (24 if row else -13), words, own[name].colour)
     missed = [_named(s) for s in f.missed if _named(s)]
     if missed:
-        words = f"not reached: {', '.join(missed)}"
-        yield _text(round(right + 30 - LETTER * len(words)), y + 24, words)
+        yield _text(ROOM, y + 44, f"not reached by {listed(missed)}", "", ' opacity="0.7"')
 
 
 def _named(solver: str) -> str:

@@ -55,9 +55,9 @@ def _of(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str]) 
 
 
 def answer(f: Frontier) -> str:
-    """``rkmk_dop853 is the cheapest: 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
+    """``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
     best, missed = f.places[0].reach, len(f.missed) + len(f.refused)
-    least = f"{best.run.record.solver} is the cheapest: {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"
+    least = f"{best.run.record.solver} needs {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"
     return f"{least}; {missed} of {len(f.places) + missed} solvers do not get there" if missed else least
 
 

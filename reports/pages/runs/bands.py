@@ -61,10 +61,10 @@ def false_successes(results: Results, label: str) -> tuple[list[FalseSuccess], i
 
 
 def wrong_title(cards: Sequence[FalseSuccess], wrong: int) -> str:
-    """How many runs, and which code of others is wrong where."""
+    """How many runs, and which code of others is among them."""
     said = f"{plural(wrong, 'run')} {'says' if wrong == 1 else 'say'} success and {'is' if wrong == 1 else 'are'} wrong"
-    others = [f"{c.code.partition(' on ')[0]} on {c.run.record.problem.replace('_', ' ')}" for c in cards if c.code]
-    return f"{said}; in popular codes: {listed(list(dict.fromkeys(others)))}" if others else said
+    others = list(dict.fromkeys(c.code for c in cards if c.code))
+    return f"{said}, by {listed(others)} among others" if others else said
 
 
 def _card(results: Results, run: Run, plugins: Sequence[str], published: bool) -> FalseSuccess:
@@ -77,7 +77,7 @@ def _card(results: Results, run: Run, plugins: Sequence[str], published: bool) -
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
     size = f"{number(reason.value)} of {number(reason.limit)} {reason.unit} allowed"
     times = reason.value / reason.limit if reason.limit > 0.0 else math.inf
-    return FalseSuccess(run, code_of_others(r.solver), published, snapshot(*seen, words) if seen else None,
+    return FalseSuccess(run, code_of_others(r.solver).partition(" on ")[0], published, snapshot(*seen, words) if seen else None,
                         law_of(reason).removeprefix("the "), size, times, at, drawn,
                         write_command(run.record, plugins))  # fmt: skip
 
