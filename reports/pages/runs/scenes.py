@@ -35,10 +35,9 @@ def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
 
 def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
     """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
-    target = of_most_problems([f for f in site.frontiers if f.variant == variant.title])
     ended = (b for b in boxes_of(variant, label) if b.mark.kind not in ("open", "refused"))
     best_first = [b.run for b in sorted(ended, key=lambda b: b.order)]
-    cheapest = [p.reach.run for f in target for p in f.places] or best_first
+    cheapest = _cheapest_first(variant, site) or best_first
     paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.succeeded),
                    key=lambda c: len(c.record.paper_label))  # fmt: skip
     wrong = sorted((c for c in variant.runs if c.status == "wrong"), key=lambda c: _worst(c, site), reverse=True)
@@ -48,6 +47,19 @@ def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
         for run in [c for c in runs if c.record.series][:1]:
             out.setdefault(run.record.run_id, Role(run, words))
     return list(out.values())
+
+
+def _cheapest_first(variant: Variant, site: Site) -> list[Run]:
+    """Successes by their solver's cost at one error, whose ladder may be over another time of the same motion."""
+    same = {v.title for v in site.results.variants if v.problem == variant.problem and _start(v) == _start(variant)}
+    found = of_most_problems([f for f in site.frontiers if f.variant in same])
+    order = [p.reach.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
+    sound = [c for c in variant.runs if c.succeeded and c.record.solver in order]
+    return sorted(sound, key=lambda c: (order.index(c.record.solver), c.record.cpu_median_s))
+
+
+def _start(variant: Variant) -> dict[str, Any]:
+    return {name: v for name, v in variant.runs[0].parameters.items() if name != "t_end"}
 
 
 def _worst(run: Run, site: Site) -> tuple[bool, float, str]:
