@@ -61,10 +61,11 @@ def false_successes(results: Results, label: str) -> tuple[list[FalseSuccess], i
 
 
 def wrong_title(cards: Sequence[FalseSuccess], wrong: int) -> str:
-    """How many runs, and which code of others is among them."""
+    """How many runs, and which code of others is among them, here or as published."""
     said = f"{plural(wrong, 'run')} {'says' if wrong == 1 else 'say'} success and {'is' if wrong == 1 else 'are'} wrong"
-    others = list(dict.fromkeys(c.code for c in cards if c.code))
-    return f"{said}, by {listed(others)} among others" if others else said
+    here, elsewhere = (list(dict.fromkeys(c.code for c in cards if c.code and c.published is p)) for p in (False, True))
+    by = f", by {listed(here)} among others" if here else ""
+    return f"{said}{by}{f'; as published, also runs of {listed(elsewhere)}' if elsewhere else ''}"
 
 
 def _card(results: Results, run: Run, plugins: Sequence[str], published: bool) -> FalseSuccess:
@@ -75,7 +76,7 @@ def _card(results: Results, run: Run, plugins: Sequence[str], published: bool) -
     drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
     seen = moment(results, run, drawn) if r.series and not published else None
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
-    size = f"{number(reason.value)} of {number(reason.limit)} {reason.unit} allowed"
+    size = f"{number(reason.value)} of {' '.join(filter(None, (number(reason.limit), reason.unit)))} allowed"
     times = reason.value / reason.limit if reason.limit > 0.0 else math.inf
     return FalseSuccess(run, code_of_others(r.solver).partition(" on ")[0], published, snapshot(*seen, words) if seen else None,
                         law_of(reason).removeprefix("the "), size, times, at, drawn,
