@@ -87,7 +87,8 @@ def draw_costs(results: Results) -> str:
         last[f.variant.partition("[")[0]] = f  # the spatial one of the pendulum's two
     factors = [p.factor for f in last.values() for p in f.places if is_engine(p.reach.run.record.solver)]
     costs = [p.reach.cpu_s for f in last.values() for p in f.places] or [1.0]
-    low, high = math.floor(math.log10(min(costs))), math.ceil(math.log10(max(costs)))
+    low = math.floor(math.log10(min(costs)))
+    high = max(math.ceil(math.log10(max(costs))), low + 1)
     left, right = 170, WIDTH - 40
 
     def x(cpu: float) -> float:

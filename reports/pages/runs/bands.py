@@ -78,9 +78,9 @@ def _card(results: Results, run: Run, plugins: Sequence[str], published: bool) -
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
     size = f"{number(reason.value)} of {' '.join(filter(None, (number(reason.limit), reason.unit)))} allowed"
     times = reason.value / reason.limit if reason.limit > 0.0 else math.inf
-    return FalseSuccess(run, code_of_others(r.solver).partition(" on ")[0], published, snapshot(*seen, words) if seen else None,
-                        law_of(reason).removeprefix("the "), size, times, at, drawn,
-                        write_command(run.record, plugins))  # fmt: skip
+    code, picture = code_of_others(r.solver).partition(" on ")[0], snapshot(*seen, words) if seen else None
+    return FalseSuccess(run, code, published, picture, law_of(reason).removeprefix("the "), size,
+                        times, at, drawn, write_command(run.record, plugins))  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -88,8 +88,9 @@ def _said(role: Role, site: Site) -> dict[str, str]:
     broken = reasons_of(run.record.wrong_because) if run.status == "wrong" else ()
     since = min((r.time_s for r in broken if math.isfinite(r.time_s)), default=math.nan)
     badge = measured.word + (f" from {number(since)} s" if since == since else "")
+    solver = run.record.solver
     return {
-        "solver": run.record.solver, "code": code_of_others(run.record.solver), "words": role.words, "step": run.step_words, "url": site.url(run),
+        "solver": solver, "code": code_of_others(solver), "words": role.words, "step": run.step_words, "url": site.url(run),
         "claimed": run.record.claimed.replace("_", " "), "measured": badge, "kind": measured.kind,
         "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip
