@@ -90,7 +90,8 @@ def _said(role: Role, site: Site) -> dict[str, str]:
     badge = measured.word + (f" from {number(since)} s" if since == since else "")
     solver = run.record.solver
     return {
-        "solver": solver, "code": code_of_others(solver), "words": role.words, "step": run.step_words, "url": site.url(run),
+        "solver": solver, "code": code_of_others(solver), "words": role.words, "step": run.step_words,
+        "url": site.url(run),
         "claimed": run.record.claimed.replace("_", " "), "measured": badge, "kind": measured.kind,
         "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip
