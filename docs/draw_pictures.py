@@ -42,8 +42,8 @@ END, SECONDS, HELD = 1.6, 6, 0.85  # [s] of the motion, while it is predictable;
 FRAMES, COUNTS = 60, 24
 WIDTH, HEIGHT, ROOM, LETTER = 880, 330, 16, 8.0  # [px]
 STYLE = (
-    "svg { color: #1c2126; font: 14px DejaVu Sans, Verdana, sans-serif } "
-    "@media (prefers-color-scheme: dark) { svg { color: #e6e8ea } }"
+    "svg { color: #1c2126; background: #fff; font: 14px DejaVu Sans, Verdana, sans-serif } "
+    "@media (prefers-color-scheme: dark) { svg { color: #e6e8ea; background: #0d1117 } }"
 )
 
 
@@ -125,7 +125,7 @@ def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> 
             row = min((0, 1), key=lambda r: max(ends[r] - at, 0.0))
             start = min(max(ends[row], at - 6.0), right - LETTER * len(words) + 30.0)
             ends[row] = start + LETTER * len(words) + 12.0
-            yield _text(round(start), y + (24 if row else -13), words, own[name].colour)
+            yield _text(round(start), y + (24 if row else -13), words)
     missed = [_named(s) for s in f.missed if _named(s)]
     if missed:
         yield _text(ROOM, y + 44, f"not reached by {listed(missed)}", "", ' opacity="0.7"')
