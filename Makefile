@@ -100,8 +100,8 @@ browser: ## install Chromium for the tests of pages (apt, as root), or set CHROM
 	echo '$(AXE_SHA512)  axe-core-$(AXE_VERSION).tgz' | sha512sum --check --quiet && tar -xzf axe-core-$(AXE_VERSION).tgz; } || \
 	{ echo 'error: axe-core could not be fetched with npm: the tests of accessibility cannot run' >&2; exit 2; }
 
-bench: $(READY) ## run the suite `bench`, judge what it allows and write its report: the main result
-	$(BIN)/mbsbench run bench
+bench: $(READY) ## run the suite `bench` (with engines where `make engines` has been run), judge it and write its report: the main result
+	$(BIN)/mbsbench run $(if $(wildcard $(ENGINES)),bench_engines,bench)
 	@status=0; $(BIN)/mbsbench judge --partial >/dev/null || status=$$?; test $$status -le 1 || exit $$status
 	$(BIN)/mbsbench report
 

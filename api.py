@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +32,7 @@ from .harness.results import environment, store
 from .harness.results.codes import code_of
 from .harness.results.records import RunRecord
 from .harness.results.series import Series, write_series
-from .harness.results.words import error_words
+from .harness.results.words import error_words, why
 from .harness.suites.spec import RunSpec, step_control
 from .harness.types import Problem, Solver, Status, Trajectory
 
@@ -91,6 +92,18 @@ class Run:
         error = f"error {said}" if (said := error_words(r)) else ""
         words = [f"{r.steps} steps to {r.t_reached_s:g} s", *(n for n in (drift, error) if n)]
         return f"<Run {r.case}: {', '.join([r.status, *(words if r.steps else [r.message])])}>"
+
+    def _repr_html_(self) -> str:
+        """A table for a notebook, with the reasons why the run is no success."""
+        r = self.record
+        drift = "" if math.isnan(r.energy_drift_max_J) else f"{r.energy_drift_max_J:.3g} J"
+        cpu = "" if math.isnan(r.cpu_median_s) else f"{r.cpu_median_s:.3g} s"
+        reasons = "" if self.status is Status.SUCCESS else "; ".join(why(r))
+        reached = f"{r.t_reached_s:g} of {r.t_end_s:g} s in {r.steps} steps"
+        rows = {"status": r.status, "because": reasons, "reached": reached, "energy drift": drift,
+                "error": error_words(r), "CPU time": cpu}  # fmt: skip
+        cells = "".join(f"<tr><th>{name}</th><td>{escape(said)}</td></tr>" for name, said in rows.items() if said)
+        return f"<table><caption>{escape(r.case)}</caption>{cells}</table>"
 
 
 @dataclass(frozen=True, repr=False, eq=False)

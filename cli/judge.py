@@ -28,6 +28,7 @@ STYLE = {
     Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.MIXED: "yellow", Verdict.REFUTED: "bold red",
     Verdict.UNTESTABLE: "dim",
 }  # fmt: skip
+AGAIN = f"mbsbench run {judging.WHOLE} --resume"
 COLUMNS = (
     Column("claim", fold=True), Column("figure", rank=2, right=False),
     Column("at the paper's settings", right=False, fold=True, least=12),
@@ -70,14 +71,14 @@ def run(arguments: argparse.Namespace) -> int:
         plain = {"schema": SCHEMA, "code": code, "claims": judged["claims"], "orders": orders}
         console().print(format_judgement(plain), end="")
     else:
-        touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
-        if touched:
-            few = len(lacking.intersection(c.id for c in touched))
-            show_claims(touched, changed, before is not None, arguments.publish, few)
+        known = whole if arguments.partial else judged["claims"]
+        if known:
+            show_claims(known, changed, before is not None, arguments.publish)
         show_orders(orders)
-        if others := len(judged["claims"]) - len(touched):
-            nothing = "" if touched else ": nothing was compared with the published verdicts"
-            console().print(f"{others} of {len(judged['claims'])} claims are about other runs{nothing}")
+        if others := len(judged["claims"]) - len(known):
+            compared = "were not" if known else "nothing was"
+            console().print(f"{others} of {len(judged['claims'])} claims lack runs and {compared} compared with the "
+                            f"published verdicts; make them: {AGAIN}", soft_wrap=True)  # fmt: skip
     if arguments.publish:
         published.root.mkdir(parents=True, exist_ok=True)
         write_judgements(published, {**judged, "claims": shorten_claims(judged["claims"])}, code)
@@ -89,14 +90,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _require_runs(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = "") -> None:
     if missing := judging.find_missing(folder, specs):
-        again = f"mbsbench run {judging.WHOLE} --resume"
         raise UsageError(f"{folder} lacks {len(missing)} of {len(specs)} runs {what} (the first: {missing[0].case}); "
-                         f"make them: {again}{remedy}")  # fmt: skip
+                         f"make them: {AGAIN}{remedy}")  # fmt: skip
 
 
-def show_claims(
-    claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool, lacking: int = 0
-) -> None:
+def show_claims(claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool) -> None:
     """The table of verdicts, how many of each, and the changes."""
     rows = []
     for c in claims:
@@ -107,12 +105,8 @@ def show_claims(
                      claim_words.missing(c) or numbers[0], numbers[1]))  # fmt: skip
     below = [count_verdicts(claims)]
     below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
-    if compared and lacking == len(claims):
-        below.append("nothing was compared with the published verdicts: no claim has all its runs here")
-    elif compared:
-        below.append(f"{len(changed)} claims differ from the published ones" if changed else "as published")
     if compared:
-        below += [f"{lacking} of {len(claims)} claims lack runs: not compared"] if lacking else []
+        below.append(f"{len(changed)} claims differ from the published ones" if changed else "as published")
     elif not publishing:
         below.append("nothing is published yet; use --publish to do so")
     print_table(COLUMNS, rows, *below)

@@ -1,11 +1,14 @@
 """Pictures of the README and of docs/judging.md, from the newest or given results; the loop from two runs made here.
 
 ``make pictures`` writes all. Each states the digest of the code of its runs, which a test compares with the code there.
+From results with engines it also writes a false success of each into results/published/engines, for pages without.
 """
 
 import hashlib
+import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,28 +18,32 @@ from mbsbench.harness.places import Place
 from mbsbench.harness.results.codes import code_of
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
-from mbsbench.harness.results.store import LOCAL
+from mbsbench.harness.results.store import LOCAL, write_record
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.reports.mechanism.segments import mechanism_of
 from mbsbench.reports.mechanism.stage import segments_at, stored
 from mbsbench.reports.mechanism.theatre.scene import stored_exact
 from mbsbench.reports.mechanism.view import view_of
-from mbsbench.reports.model.heat import heat
-from mbsbench.reports.model.results import read_results
-from mbsbench.reports.model.words import number
-from mbsbench.reports.plots.heatmap import heat_figure
+from mbsbench.reports.model.catalogue import code_of_others, is_engine
+from mbsbench.reports.model.frontier import Frontier, frontiers
+from mbsbench.reports.model.results import Results, read_results
+from mbsbench.reports.model.variants import broadest
+from mbsbench.reports.model.words import listed, number, seconds
+from mbsbench.reports.pages.runs.bands import ENGINES, false_successes
 from mbsbench.reports.plots.palette import looks
 from mbsbench.reports.plots.style import save
 from mbsbench.reports.publication import figures_of
 
 LABEL, PROBLEM, ENERGY = "recommended", "chain", "chain-recommended-energy"
+COSTS, SUITE, TARGET = "costs", "bench_engines", 1e-3  # [m, rad]
+NAMED = {"gc_weak_form": "ODE-GC of the paper", "ida_index3": "SUNDIALS IDA, index 3"}
 ROLES = (("gc_weak_form", 1e-3, None, "ODE-GC of the paper"), ("ida_index3", None, 1e-5, "IDA on index 3"))
 END, SECONDS, HELD = 1.6, 6, 0.85  # [s] of the motion, while it is predictable; of the loop; the share that moves
 FRAMES, COUNTS = 60, 24
-WIDTH, HEIGHT, ROOM = 880, 330, 16  # [px]
+WIDTH, HEIGHT, ROOM, LETTER = 880, 330, 16, 8.0  # [px]
 STYLE = (
-    "svg { color: #1c2126; font: 14px DejaVu Sans, Verdana, sans-serif } "
-    "@media (prefers-color-scheme: dark) { svg { color: #e6e8ea } }"
+    "svg { color: #1c2126; background: #fff; font: 14px DejaVu Sans, Verdana, sans-serif } "
+    "@media (prefers-color-scheme: dark) { svg { color: #e6e8ea; background: #0d1117 } }"
 )
 
 
@@ -46,22 +53,86 @@ def digest(codes: Iterable[str]) -> str:
 
 
 def code_now() -> str:
-    """The same of the code that is there, for the runs of the heat map."""
-    return digest(code_of(s.problem, s.solver) for s in load_suite("paper").specs if s.label == LABEL)
+    """The same of the code that is there, for the runs of the suite ``SUITE``."""
+    return digest(code_of(s.problem, s.solver) for s in load_suite(SUITE).specs)
 
 
 def draw_results(folder: Path, out: Path) -> None:
-    """The heat map and the energy errors on the chain."""
+    """CPU time for an error with engines, and the energy errors on the chain."""
     results = read_results(folder, check_series=False)
-    picture = heat(results)
-    if picture is None:
-        raise SystemExit(f"error: {folder} holds no runs of the suite `paper`: make bench")
-    variant = next(v for v in results.variants if v.title == PROBLEM)
+    variant = next((v for v in results.variants if v.title == PROBLEM), None)
+    if variant is None:
+        raise SystemExit(f"error: {folder} holds no runs of the chain: make engines bench")
     energy = next(p for p in figures_of(results, variant) if p.name == ENERGY)
-    code = digest(r.record.code for r in results.runs if r.record.label == LABEL)
-    for name, draw in (("overview", lambda: heat_figure(picture)), (PROBLEM, energy.draw)):
-        (path,) = save(draw, Place(out), name, ("svg",))
-        path.write_text(f"{path.read_text(encoding='utf-8')}<!-- code of its runs: {code} -->\n", encoding="utf-8")
+    (path,) = save(energy.draw, Place(out), PROBLEM, ("svg",))
+    code = digest(r.record.code for r in results.runs)
+    for place, text in ((path, path.read_text(encoding="utf-8")), (out / f"{COSTS}.svg", draw_costs(results))):
+        place.write_text(f"{text}<!-- code of its runs: {code} -->\n", encoding="utf-8")
+
+
+def publish_engines(folder: Path) -> None:
+    """The worst false success of each engine, where there is one."""
+    results = read_results(folder, check_series=False)
+    cards, _ = false_successes(results, broadest(results))
+    for run in (c.run for c in cards if is_engine(c.run.record.solver)):
+        (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
+        write_record(ENGINES, replace(run.record, series="", stderr=""))
+
+
+def draw_costs(results: Results) -> str:
+    """A line of dots for each problem that an engine ran: solvers by CPU time at one error, engines by name."""
+    found = [f for f in frontiers(results) if f.target == TARGET and any(map(is_engine, _solvers(f)))]
+    last: dict[str, Frontier] = {}
+    for f in found:
+        last[f.variant.partition("[")[0]] = f  # the spatial one of the pendulum's two
+    factors = [p.factor for f in last.values() for p in f.places if is_engine(p.reach.run.record.solver)]
+    costs = [p.reach.cpu_s for f in last.values() for p in f.places] or [1.0]
+    low = math.floor(math.log10(min(costs)))
+    high = max(math.ceil(math.log10(max(costs))), low + 1)
+    left, right = 170, WIDTH - 40
+
+    def x(cpu: float) -> float:
+        return left + (right - left) * (math.log10(cpu) - low) / (high - low)
+
+    ends = f"{number(min(factors, default=1.0), 2)} to {number(max(factors, default=1.0), 2)}"
+    parts = [_text(ROOM, 24, f"An error of 1 mm or 1 mrad: engines need {ends} times the CPU time of the cheapest code",
+                   "", ' font-weight="bold"')]  # fmt: skip
+    tall = 88
+    for k in range(low, high + 1):
+        parts.append(f'<path d="M{x(10.0**k):.0f} 44V{44 + tall * len(last)}" stroke="currentColor" opacity="0.15"/>')
+        words = f"{10.0**k:g} s" if k > -2 else f"{10.0 ** (k + 3):g} ms"
+        parts.append(_text(round(x(10.0**k)) - 16, 62 + tall * len(last), words))
+    for k, (name, f) in enumerate(last.items()):
+        parts += [_text(ROOM, 88 + tall * k, name.replace("_", " ")), *_line_of(f, x, 84 + tall * k, right)]
+    height = 76 + tall * len(last)
+    return _svg(height, parts)
+
+
+def _solvers(f: Frontier) -> list[str]:
+    return [*(p.reach.run.record.solver for p in f.places), *f.missed]
+
+
+def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> Iterator[str]:
+    """The dots of a problem; names above and below in turns, from the left; who does not get there at the right."""
+    own, ends = looks(_solvers(f)), [0.0, 0.0]
+    for k, p in enumerate(f.places):
+        name, at = p.reach.run.record.solver, x(p.reach.cpu_s)
+        said = _named(name) or (name if k == 0 else "")
+        yield (f'<circle cx="{at:.1f}" cy="{y}" r="{5 if said else 3}" fill="{own[name].colour}" '
+               f'opacity="{1 if said else 0.45}"><title>{name} {seconds(p.reach.cpu_s)}</title></circle>')  # fmt: skip
+        if said:
+            words = f"{said} {'≤ ' * p.reach.bound}{seconds(p.reach.cpu_s)}"
+            row = min((0, 1), key=lambda r: max(ends[r] - at, 0.0))
+            start = min(max(ends[row], at - 6.0), right - LETTER * len(words) + 30.0)
+            ends[row] = start + LETTER * len(words) + 12.0
+            yield _text(round(start), y + (24 if row else -13), words)
+    missed = [_named(s) for s in f.missed if _named(s)]
+    if missed:
+        yield _text(ROOM, y + 44, f"not reached by {listed(missed)}", "", ' opacity="0.7"')
+
+
+def _named(solver: str) -> str:
+    return NAMED.get(solver) or (code_of_others(solver) if is_engine(solver) and solver != "cvode" else "")
 
 
 def draw_loop() -> str:
@@ -85,7 +156,11 @@ def draw_loop() -> str:
     for k, (run, own, (name, *_, words)) in enumerate(zip(runs, series, ROLES, strict=True)):
         parts.append(_text(left, 105 + 100 * k, f"{name}, {words}", colours[1 + k]))
         parts += _count(left, 130 + 100 * k, run.record, own, colours[1 + k])
-    size = f'width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}"'
+    return _svg(HEIGHT, parts)
+
+
+def _svg(height: int, parts: Iterable[str]) -> str:
+    size = f'width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}"'
     inside = "\n".join((f"<style>{STYLE}</style>", *parts))
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{inside}\n</svg>\n'
 
@@ -127,5 +202,7 @@ def _text(x: int, y: int, words: str, colour: str = "", extra: str = "", inside:
 if __name__ == "__main__":
     place = Path(sys.argv[2])
     given = Path(sys.argv[1])
-    draw_results(given if given.is_dir() else LOCAL / given, place)
+    folder = given if given.is_dir() else LOCAL / given
+    draw_results(folder, place)
+    publish_engines(folder)
     (place / "loop.svg").write_text(draw_loop(), encoding="utf-8")

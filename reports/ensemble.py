@@ -6,17 +6,15 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader
 
 from ..harness.ensemble.clouds import Cloud, Ensemble
 from ..harness.ensemble.verdict import Comparison
-from ..harness.files import write_text
 from ..harness.results import environment
 from .model.words import number
 from .plots.palette import looks
 from .plots.printed import figure
 from .plots.spec import Axis, Plot, Trace
-from .tried import TEMPLATES, Chart, image_of
+from .tried import Chart, image_of, write_file
 
 TRUE = "truth"
 SHARES = ((0.05, 0.95), (0.25, 0.75))  # quantiles of the bands, one over the other
@@ -43,7 +41,6 @@ def write_page(
     perfect: Sequence[Comparison],
 ) -> None:  # fmt: skip
     """Write ``path``; ``true`` are the clouds from the same and from other starts."""
-    template = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("ensemble.html")
     spread = np.nan_to_num(np.nanstd(true[1].values[:, :, -1], axis=0))
     moving = [i for i in range(len(e.observables)) if spread[i] > 1e-9 * (1.0 + spread.max())][:DRAWN]
     own = looks(s.cloud.code.name for s in scored)
@@ -53,9 +50,7 @@ def write_page(
     ]  # fmt: skip
     rows = sorted([*perfect, *(c for s in scored for c in s.rows)], key=lambda c: (c.t_s, c.quantity))
     stamp = f"Commit {environment.commit()[:12] or 'not recorded'}."
-    write_text(path, template.render(
-        title=title, scored=scored, rows=rows, charts=charts, number=number, stamp=stamp,
-    ))  # fmt: skip
+    write_file(path, "ensemble.html", title=title, scored=scored, rows=rows, charts=charts, number=number, stamp=stamp)
 
 
 def _plots(e: Ensemble, true: Cloud, s: Scored, moving: Sequence[int]) -> Iterator[tuple[str, list[Plot]]]:

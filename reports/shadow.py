@@ -6,16 +6,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader
 
-from ..harness.files import write_text
 from ..harness.results import environment
 from ..harness.results.findings import Finding
 from ..harness.shadow.shadow import Shadow
 from .plots.palette import Look
 from .plots.printed import figure
 from .plots.spec import Axis, Plot, Trace
-from .tried import TEMPLATES, Chart, image_of
+from .tried import Chart, image_of, write_file
 
 COLOURS = ("#3D62C7", "#62AF96", "#E08906", "#BB3939", "#A499CF")  # of as many bodies
 PATHS = 3  # bodies whose paths are drawn: the first, the middle and the last
@@ -27,7 +25,6 @@ NOTE = (
 
 def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence[str], s: Shadow) -> None:
     """Write ``path``."""
-    template = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("tried.html")
     t = Axis("t", "s", symbol="t")
     gap = Axis("|C − C shadow|", "m", log=True, symbol=r"|C - C_{\rm shadow}|")
     colours = {names[b]: Look(COLOURS[k], "o") for k, b in enumerate(_spread(len(names), len(COLOURS)))}
@@ -48,10 +45,9 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
         Chart("Paths of centres of mass: computed, and true (dashed).", image_of(partial(figure, [paths], looks))),
     ]
     stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
-    write_text(path, template.render(
-        solver=title, summary=found[0].measured.text, findings=found, charts=charts, card=SimpleNamespace(facts=()),
-        stamp=stamp,
-    ))  # fmt: skip
+    card = SimpleNamespace(facts=())
+    write_file(path, "tried.html", title=title, summary=found[0].measured.text, findings=found, charts=charts,
+               card=card, stamp=stamp)  # fmt: skip
 
 
 def _spread(n: int, most: int) -> list[int]:

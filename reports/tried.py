@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader
@@ -57,11 +58,16 @@ class Tried:
 def write_page(path: Path, folder: Path, found: Tried) -> None:
     """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error."""
     results = read_results(folder, check_series=False)
-    template = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("tried.html")
     charts = list(_charts(results, found.orders))
     follow = [f for variant in results.variants for f in followed(variant)]
     card = card_of(found.solver, found.orders, (), follow, of_most_problems(frontiers(results)))
-    write_text(path, template.render(**vars(found), card=card, charts=charts, stamp=stamp(results)))
+    write_file(path, "tried.html", **vars(found), card=card, charts=charts, stamp=stamp(results))
+
+
+def write_file(path: Path, template: str, **values: Any) -> None:
+    """A page that is one file, charts included."""
+    environment = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True)
+    write_text(path, environment.get_template(template).render(**values))
 
 
 def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:

@@ -5,6 +5,7 @@ import math
 import re
 import subprocess
 import sys
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ import pytest
 import mbsbench
 from mbsbench import Problem, Run, Status, load, make_problem, solve
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.results.records import reasons_json
+from mbsbench.harness.results.words import error_words, why
+from mbsbench.harness.types import Law, Reason
 
 DOCS = Path(mbsbench.__file__).with_name("docs")
 SHORT = {"dt": 0.01, "t_end": 0.1}
@@ -89,6 +93,17 @@ def test_file_of_the_command_is_read(tmp_path, run):
     again = load(tmp_path / "free.npz")
     assert np.array_equal(again.trajectory.states.R, run.trajectory.states.R)
     assert again.record.case == run.record.case and again.status is run.status
+
+
+def test_a_notebook_shows_a_table_with_the_reasons(run):
+    """Status, error and CPU time as in the record; a run that is wrong says why; names are text, not markup."""
+    shown = run._repr_html_()
+    assert f"<td>{run.record.cpu_median_s:.3g} s</td>" in shown and "<td>success</td>" in shown
+    assert error_words(run.record) in shown and "because" not in shown
+    law = reasons_json([Reason(Law.ENERGY, 2.0, 1.0, "J")])
+    bad = dataclasses.replace(run.record, status="wrong", wrong_because=law, case="<b>")
+    shown = dataclasses.replace(run, record=bad)._repr_html_()
+    assert escape(why(bad)[0]) in shown and "&lt;b&gt;" in shown and "<b>" not in shown
 
 
 def test_plot_has_a_panel_for_each_quantity(run):

@@ -19,7 +19,7 @@
       loaded[k] ||= MBS.stage(await MBS.unpack(MBS[s.file]));
       minis.forEach((b, i) => b.setAttribute("aria-pressed", i === k));
       if (k !== show.now) cast.replaceChildren(...s.said.map((r) => make("li", { className: r.kind },
-        make("a", { className: "solver", href: r.url, style: `--c: ${data.colours[r.solver]}` }, r.solver), " ", make("small", {}, `${r.words}, ${r.step}`), MBS.element("b", {}, "–"),
+        make("a", { className: "solver", href: r.url, style: `--c: ${data.colours[r.solver]}` }, r.solver), " ", make("small", {}, `${r.code && `${r.code}, `}${r.words}, ${r.step}`), MBS.element("b", {}, "–"),
         make("span", {}, `claimed: ${r.claimed} · measured: `, make("b", { className: `mark ${r.kind}` }, r.measured)), ...(r.why ? [make("small", { className: "why" }, r.why)] : []))));
       $$("li > b", cast).forEach((b) => b.setAttribute("data-off", ""));
       show.now = k;
@@ -51,6 +51,7 @@
     Object.assign(slider, { max: r.targets.length - 1, value: k, ariaValueText: r.words[k] });
     $("[data-wanted]").textContent = r.words[k];
     $("[data-command]").textContent = r.command[k];
+    $("[data-say]").textContent = `${r.answers[k]}.`;
     const all = Object.entries(r.solvers), there = all.filter(([, s]) => s.cpu[k] !== null).sort((a, b) => a[1].cpu[k] - b[1].cpu[k]);
     const [low, high] = [there[0][1].cpu[k] / 2, Math.max(there[there.length - 1][1].cpu[k], there[0][1].cpu[k] * 10)];
     const rest = all.filter(([, s]) => s.cpu[k] === null).sort((a, b) => (a[0] < b[0] ? -1 : 1));

@@ -1,6 +1,6 @@
 // Mechanisms on small canvases: runs over the exact motion, as reports/mechanism/stage.py stores them.
 (() => {
-  const MBS = window.MBS, OFFSET = 4 * 4095, quiet = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  const MBS = window.MBS, OFFSET = 4 * 4095, SHORTEST = 6, quiet = matchMedia("(prefers-reduced-motion: reduce)").matches;
   const list = (a) => (a && a.kind ? MBS.numbers(a) : a);
   const opened = (play) => ({ ...play, exact: play.exact && { ...play.exact, lines: list(play.exact.lines) }, players: play.players.map((p) => ({ ...p, lines: list(p.lines), off: list(p.off) })) });
 
@@ -40,7 +40,7 @@
     const draw = () => { if (!play) return; const k = Math.min(Math.round((at / play.t) * (play.frames - 1)), play.frames - 1); paint(canvas, play, k); told(play, k, at); };
     const step = (now) => {
       if (!on) return;
-      at = (at + Math.min((now - before) / 1000, 0.1)) % play.t;
+      at = (at + Math.min(play.t / SHORTEST, 1) * Math.min((now - before) / 1000, 0.1)) % play.t;
       before = now;
       draw();
       requestAnimationFrame(step);

@@ -33,7 +33,7 @@
   });
   const players = play.players, players_ = players.map((_, k) => k);
   const canvas = find("canvas"), labels = find("labels"), scrub = find("scrub"), note = find("note");
-  const NARROW = 640, ROW = 120, LABEL = 22; // [px] of a canvas and its cells
+  const NARROW = 640, LABEL = 22; // [px] of a canvas and its cells
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   const state = { t: 0, playing: false, speed: 1, solid: 0, shown: players.map(() => true), trail: "short", together: players.length === 1 || asked.has("overlay") };
   state.solid = Math.max(players.findIndex((p) => p.run === asked.get("solid")), 0);
@@ -282,8 +282,9 @@
   function fit() {
     const ratio = Math.min(devicePixelRatio || 1, 2), room = canvas.parentElement, on = state.shown.filter(Boolean).length;
     const narrow = root.clientWidth < NARROW && !state.together; // a phone: as tall as its cells need
-    room.style.minHeight = narrow ? `${Math.ceil(on / 2) * ROW}px` : "";
-    room.closest(".stage").classList.toggle("tall", narrow);
+    const stageBox = room.closest(".stage");
+    stageBox.classList.toggle("tall", narrow);
+    stageBox.style.setProperty("--rows", Math.ceil(on / 2));
     const box = room.getBoundingClientRect();
     stage.resize(box.width, box.height, ratio);
     divide();

@@ -1,5 +1,6 @@
 """Mechanisms in motion for small canvases: runs over the exact motion seen from the front, and how far off each is."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -43,7 +44,8 @@ def stage(results: Results, roles: Sequence[Role], measure: Measure | None, look
     first = found[0][2]
     view = view_of(first)
     known = next((e for _, s, _ in found if (e := stored_exact(s)) is not None and len(e) > 1), None)
-    whole = min(max(float(m.t[-1]) for _, _, m in found), WINDOW)
+    horizon = measure.until if measure and measure.until else math.inf  # beyond it no error tells one from another
+    whole = min(max(float(m.t[-1]) for _, _, m in found), WINDOW, horizon)
     t = np.linspace(0.0, whole, max(min(frames, COORDINATES // (4 * len(first.body))), 24))
     lines = [segments_at(m, player_of(role.run, s, stored(s)).poses, t, view) for role, s, m in found]
     until = 0.0 if known is None else float(known.t[-1])

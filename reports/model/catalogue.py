@@ -35,6 +35,12 @@ def is_engine(name: str) -> bool:
     return bool(_source(f"solvers/engines/{name}.py"))
 
 
+def code_of_others(name: str) -> str:
+    """The name of the package that a solver runs, as its users know it; empty where all is ours."""
+    name_of_it = re.split(r"[,:.]", about_solver(name))[0]
+    return name_of_it if is_engine(name) or name_of_it.startswith("SUNDIALS") else ""
+
+
 def about_problem(name: str) -> str:
     """What moves, in its file's first sentence; empty for a plug-in."""
     source = _source(f"problems/{name}.py")

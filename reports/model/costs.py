@@ -10,6 +10,7 @@ from .frontier import Frontier
 from .results import Results, Run, Variant, by_solver, grouped, text_of
 from .words import decade, mark, number, seconds
 
+ASKED = "1 mm"
 UNITS = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm")), "rad": ((1.0, "rad"),)}
 
 
@@ -49,8 +50,15 @@ def _of(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str]) 
     return {
         "title": variant.title, "slug": variant.slug, "problem": variant.problem.replace("_", " "), "unit": unit,
         "parameters": variant.parameters, "targets": targets, "words": [length(t, unit) for t in targets],
-        "command": [advise(variant, t) for t in targets], "solvers": solvers,
+        "command": [advise(variant, t) for t in targets], "solvers": solvers, "answers": [answer(f) for f in found],
     }  # fmt: skip
+
+
+def answer(f: Frontier) -> str:
+    """``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
+    best, missed = f.places[0].reach, len(f.missed) + len(f.refused)
+    least = f"{best.run.record.solver} needs {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"
+    return f"{least}; {missed} of {len(f.places) + missed} solvers do not get there" if missed else least
 
 
 def advise(variant: Variant, target: float) -> str:
@@ -72,7 +80,9 @@ def _why(runs: Sequence[Run], best: float | None, unit: str) -> str:
 
 
 def default_target(problem: dict[str, Any]) -> int:
-    """The tightest error that at least half of the solvers reach."""
+    """A millimetre where it is compared; else the tightest error that at least half of the solvers reach."""
+    if ASKED in problem["words"]:
+        return int(problem["words"].index(ASKED))
     reached = [
         sum(s["cpu"][k] is not None for s in problem["solvers"].values()) for k in range(len(problem["targets"]))
     ]

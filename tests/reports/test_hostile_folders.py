@@ -219,9 +219,7 @@ ELSEWHERE = {
     "reports/pages/base.py": ("read_bytes", "our own assets"),
     "reports/plots/palette.py": ("glob", "our own catalogue"),
     "reports/site.py": ("iterdir", "our own assets"),
-    "reports/ensemble.py": ("write_text", "the page that the user named"),
     "reports/ladder.py": ("write_text", "the page that the user named"),
-    "reports/shadow.py": ("write_text", "the page that the user named"),
     "reports/tried.py": ("read_bytes write_text", "a temporary folder, and the page that the user named"),
 }
 

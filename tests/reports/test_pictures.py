@@ -6,6 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.records import reasons_of
+from mbsbench.reports.model.results import read_results
+
+from .conftest import put, record
+
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -20,11 +26,36 @@ def pictures():
     return draw_pictures
 
 
-@pytest.mark.parametrize("name", ["overview", "chain"])
+@pytest.mark.parametrize("name", ["costs", "chain"])
 def test_pictures_of_results_are_of_runs_by_this_code(pictures, name):
     """What they are drawn from takes minutes, so that the digest of its code stands for it."""
     (code,) = re.findall(r"<!-- code of its runs: (\w+) -->", (IMAGES / f"{name}.svg").read_text(encoding="utf-8"))
-    assert code == pictures.code_now(), "make bench pictures"
+    assert code == pictures.code_now(), "make engines bench pictures"
+
+
+def test_false_successes_of_engines_are_of_this_code(pictures):
+    """Pages of results without engines show them: one an engine, each with its law and by how much."""
+    runs = read_results(pictures.ENGINES).runs
+    assert {c.record.solver for c in runs} == {"mujoco", "exudyn", "pinocchio"}
+    for r in (c.record for c in runs):
+        assert (r.claimed, r.status) == ("success", "wrong") and reasons_of(r.wrong_because)
+        assert r.code == code_of(r.problem, r.solver), "make engines bench pictures"
+
+
+def test_the_picture_of_costs_names_engines_with_their_cpu_time(pictures, tmp_path):
+    """The cheapest, every engine and those that do not get there; the title has the least and the largest ratio."""
+    cpu = {"rattle": 1e-3, "mujoco": 5e-3, "exudyn": 40e-3, "pinocchio": 20e-3}
+    for solver, least in cpu.items():
+        for k in range(3):
+            put(tmp_path, record(f"{solver}{k}", solver, dt_s=0.1 / 2**k, cpu_median_s=least * 2**k,
+                                 position_error_max_m=(1.0 if solver == "exudyn" else 1e-2) / 16.0**k))  # fmt: skip
+    drawn = pictures.draw_costs(read_results(tmp_path))
+    (low, high) = re.search(r"engines need ([\d.]+) to ([\d.]+) times", drawn).groups()
+    assert (low, high) == ("5.0", "20")
+    assert "not reached by Exudyn" in drawn
+    for solver in ("rattle", "mujoco", "pinocchio"):
+        assert re.search(f"<title>{solver} [0-9.]+ ms</title>", drawn)
+    assert re.search(r">rattle [\d.]+ ms<", drawn) and re.search(r">MuJoCo [\d.]+ ms<", drawn)
 
 
 def test_the_loop_is_drawn_from_runs_of_this_code(pictures):

@@ -83,13 +83,15 @@ def test_axes_leave_out_what_is_hidden(browser, tmp_path):
     assert ink > 0.01 and tab.faults == []
 
 
-def test_heights_are_reserved_and_nothing_moves(report, browser):
+@pytest.mark.parametrize("width", [1440, 390])
+def test_heights_are_reserved_and_nothing_moves(report, browser, width):
     """The sum of all layout shifts while a page loads and is scrolled through stays below a twentieth."""
-    tab = browser.open(report / "method.html")
+    tab = browser.open(report / "method.html", width=width)
     watch = """(() => { window.moved = 0;
         const sum = (found) => { for (const e of found.getEntries()) window.moved += e.value; };
         new PerformanceObserver(sum).observe({ type: "layout-shift", buffered: true }); })()"""
-    for page in ("index.html", "problem-pendulum.html", "cost.html", "runs/aa01.html"):
+    for page in ("index.html", "problem-pendulum.html", "cost.html", "runs/aa01.html",
+                 *(p.name for p in report.glob("theatre-pendulum.html"))):  # fmt: skip
         tab.goto(report / page)
         tab.evaluate(watch)
         tab.evaluate("scrollTo(0, document.body.scrollHeight)")

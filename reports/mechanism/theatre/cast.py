@@ -1,4 +1,4 @@
-"""Which runs are shown: at most ten of a variant, by a rule that the page states with the runs left out."""
+"""Which runs are shown: ten of a variant, or every failure, by a rule that the page states with the runs left out."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
@@ -6,7 +6,8 @@ from typing import Any
 
 from ...model.results import Run, Variant
 
-AT_MOST = 10  # ghosts of one mechanism; more cannot be distinguished
+AT_MOST = 10  # of one mechanism; more only where more solvers fail, so that each failure is seen
+SOUND = 3  # the best, the middle and the worst
 RULE = (
     "The best, the middle and the worst of the runs that succeeded by their energy error, of each solver the one with "
     "the fewest options, then the finest; then of each solver one that is wrong or stopped; then those of the others "
@@ -21,6 +22,8 @@ def cast(variant: Variant, moved: Sequence[str], at_most: int = AT_MOST) -> tupl
     The first is one that succeeded, with the fewest options and then the least energy drift.
     """
     can = [c for c in variant.runs if c.record.run_id in set(moved)]
+    failing = {c.record.solver for c in can if not c.succeeded}
+    at_most += max(len(failing) - (AT_MOST - SOUND), 0)
     chosen: list[Run] = []
     for run in _order(can):
         if len(chosen) < at_most and all(_setting(run) != _setting(other) for other in chosen):

@@ -11,17 +11,19 @@ from ....harness.results.records import reasons_of
 from ....harness.results.reproduce import write_command
 from ....harness.results.words import law_of
 from ...mechanism.stage import moment
+from ...model.catalogue import code_of_others, is_engine
 from ...model.followed import followed
 from ...model.heat import Heat
 from ...model.margin import margin
-from ...model.results import Results, Run, Variant, grouped
-from ...model.words import number, plural, time
+from ...model.results import Results, Run, Variant, grouped, read_results
+from ...model.words import listed, number, plural, time
 from ...plots.palette import Look
 from ..judged.claims import Shown, claims_of, counts
 from ..judgement import JUDGE, judged_or_published, links_of, read_or_why
 from ..svg import snapshot, ticks_on
 
 CARDS = 6
+ENGINES = PUBLISHED.path / "engines"  # a false success of each, for results without engines
 SENTENCES = 10
 DEPENDS = ("conditional", "mixed")
 
@@ -31,40 +33,53 @@ class FalseSuccess:
     """A run that claims success and is wrong, at the moment it breaks its law."""
 
     run: Run
+    code: str  # the package of others that it runs
+    published: bool  # made elsewhere, with engines that these results lack
     picture: Markup | None
     law: str
     size: str
     times: float
     at: float  # [s] it first passes the limit
-    drawn: float  # [s] of the picture: as late as the exact motion is known
+    drawn: float  # [s] of the picture: as late as errors are judged
     command: str
 
 
 def false_successes(results: Results, label: str) -> tuple[list[FalseSuccess], int]:
-    """The farthest over its limit of each solver, plain settings first; and how many wrong runs there are."""
+    """The farthest over its limit of each solver, code of others and plain settings first; how many are wrong here."""
     wrong = [c for c in results.runs if c.status == "wrong"]
+    engines = any(is_engine(s) for s in results.solvers)
+    published = () if engines else read_results(ENGINES).runs
     plugins = [str(p) for p in results.environment.get("plugins") or []]
 
-    def key(c: Run) -> tuple[bool, bool, float, str]:
+    def key(c: Run) -> tuple[bool, bool, bool, float, str]:
         m = margin(c)
         size = m.part if m and math.isfinite(m.part) else 0.0
-        return c.record.label != label, bool(c.options), -size, c.record.run_id
+        return not code_of_others(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
 
-    worst = [min(own, key=key) for own in grouped(wrong, lambda c: c.record.solver).values()]
-    return [_card(results, c, plugins) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
+    worst = [min(own, key=key) for own in grouped([*wrong, *published], lambda c: c.record.solver).values()]
+    return [_card(results, c, plugins, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
 
 
-def _card(results: Results, run: Run, plugins: Sequence[str]) -> FalseSuccess:
+def wrong_title(cards: Sequence[FalseSuccess], wrong: int) -> str:
+    """How many runs, and which code of others is among them, here or as published."""
+    said = f"{plural(wrong, 'run')} {'says' if wrong == 1 else 'say'} success and {'is' if wrong == 1 else 'are'} wrong"
+    here, elsewhere = (list(dict.fromkeys(c.code for c in cards if c.code and c.published is p)) for p in (False, True))
+    by = f", by {listed(here)} among others" if here else ""
+    return f"{said}{by}{f'; as published, also runs of {listed(elsewhere)}' if elsewhere else ''}"
+
+
+def _card(results: Results, run: Run, plugins: Sequence[str], published: bool) -> FalseSuccess:
     m = margin(run)
     reason = m.error if m else reasons_of(run.record.wrong_because)[0]
     at = reason.time_s if reason.time_s == reason.time_s else run.record.t_reached_s
     r = run.record
-    drawn = min(r.t_reached_s, r.reference_horizon_s) if r.reference_horizon_s > 0.0 else r.t_reached_s
-    seen = moment(results, run, drawn) if r.series else None
+    drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
+    seen = moment(results, run, drawn) if r.series and not published else None
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
-    size = f"{number(reason.value)} of {number(reason.limit)} {reason.unit} allowed"
+    size = f"{number(reason.value)} of {' '.join(filter(None, (number(reason.limit), reason.unit)))} allowed"
     times = reason.value / reason.limit if reason.limit > 0.0 else math.inf
-    return FalseSuccess(run, snapshot(*seen, words) if seen else None, law_of(reason).removeprefix("the "), size,
+    code, picture = code_of_others(r.solver).partition(" on ")[0], snapshot(*seen, words) if seen else None
+    return FalseSuccess(run, code, published, picture, law_of(reason).removeprefix("the "), size,
                         times, at, drawn, write_command(run.record, plugins))  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from ...plots.browser import Steps
 from ...plots.spec import Plot
 from ..base import Page, Site
 from ..judged import cost
-from .bands import false_successes, strips, strips_title, verdicts
+from .bands import false_successes, strips, strips_title, verdicts, wrong_title
 from .scenes import one_a_problem
 
 PANELS = 6
@@ -46,10 +46,10 @@ def write(results: Results, site: Site) -> Page | None:
     return site.write(
         Page("Overview", "index.html", nav=True, order=0), "overview.html", plots=_panels(site), scripts=scripts,
         heat=picture, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races, first=first,
-        target=target, stages=stages, panels_title=panels_title(of_most_problems(found)), cards=cards, wrong=wrong,
+        target=target, stages=stages, panels_title=panels_title(of_most_problems(found)), cards=cards,
+        wrong_title=wrong_title(cards, wrong),
         strips=follow, strips_title=strips_title(follow), verdicts=verdicts(results), lead=lead(results),
         door=max(site.cards.values(), key=lambda c: (len(c.facts), c.solver), default=None),
-        answer=answer(races[first], target) if races else "",
     )  # fmt: skip
 
 
@@ -60,12 +60,6 @@ def lead(results: Results) -> str:
     said = f"{plural(len(results.solvers), 'solver')} on {mechanisms(results)}: "
     one = "says success and is" if wrong == 1 else "say success and are"
     return f"{said}{wrong} of {plural(len(ran), 'run')} {one} wrong."
-
-
-def answer(race: dict[str, Any], k: int) -> str:
-    """The three cheapest solvers at an error."""
-    found = [(s["cpu"][k], name, s["shown"][k]) for name, s in race["solvers"].items() if s["cpu"][k] is not None]
-    return f"{race['words'][k]}: " + ", ".join(f"{name} {shown}" for _, name, shown in sorted(found)[:3])
 
 
 def panels_title(found: Sequence[Frontier]) -> str:

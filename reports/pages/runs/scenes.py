@@ -6,6 +6,7 @@ from typing import Any
 from ....harness.results.records import reasons_of
 from ...mechanism.stage import Role, stage
 from ...model.accuracy import measure_for
+from ...model.catalogue import code_of_others
 from ...model.frontier import of_most_problems
 from ...model.heat import Heat, boxes_of
 from ...model.margin import margin
@@ -34,10 +35,9 @@ def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
 
 def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
     """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
-    target = of_most_problems([f for f in site.frontiers if f.variant == variant.title])
     ended = (b for b in boxes_of(variant, label) if b.mark.kind not in ("open", "refused"))
     best_first = [b.run for b in sorted(ended, key=lambda b: b.order)]
-    cheapest = [p.reach.run for f in target for p in f.places] or best_first
+    cheapest = _cheapest_first(variant, site) or best_first
     paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.succeeded),
                    key=lambda c: len(c.record.paper_label))  # fmt: skip
     wrong = sorted((c for c in variant.runs if c.status == "wrong"), key=lambda c: _worst(c, site), reverse=True)
@@ -47,6 +47,19 @@ def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
         for run in [c for c in runs if c.record.series][:1]:
             out.setdefault(run.record.run_id, Role(run, words))
     return list(out.values())
+
+
+def _cheapest_first(variant: Variant, site: Site) -> list[Run]:
+    """Successes by their solver's cost at one error, whose ladder may be over another time of the same motion."""
+    same = {v.title for v in site.results.variants if v.problem == variant.problem and _start(v) == _start(variant)}
+    found = of_most_problems([f for f in site.frontiers if f.variant in same])
+    order = [p.reach.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
+    sound = [c for c in variant.runs if c.succeeded and c.record.solver in order]
+    return sorted(sound, key=lambda c: (order.index(c.record.solver), c.record.cpu_median_s))
+
+
+def _start(variant: Variant) -> dict[str, Any]:
+    return {name: v for name, v in variant.runs[0].parameters.items() if name != "t_end"}
 
 
 def _worst(run: Run, site: Site) -> tuple[bool, float, str]:
@@ -75,8 +88,10 @@ def _said(role: Role, site: Site) -> dict[str, str]:
     broken = reasons_of(run.record.wrong_because) if run.status == "wrong" else ()
     since = min((r.time_s for r in broken if math.isfinite(r.time_s)), default=math.nan)
     badge = measured.word + (f" from {number(since)} s" if since == since else "")
+    solver = run.record.solver
     return {
-        "solver": run.record.solver, "words": role.words, "step": run.step_words, "url": site.url(run),
+        "solver": solver, "code": code_of_others(solver), "words": role.words, "step": run.step_words,
+        "url": site.url(run),
         "claimed": run.record.claimed.replace("_", " "), "measured": badge, "kind": measured.kind,
         "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip

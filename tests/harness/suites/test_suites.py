@@ -212,15 +212,20 @@ def test_our_suites_are_sound(name):
     assert suite.name == name and suite.description and len(suite.specs) > 0
 
 
+ENGINES = ("mujoco", "exudyn", "pinocchio")
+
+
 def test_bench_has_a_ladder_of_every_solver_on_every_problem_of_the_paper():
     """Five steps or tolerances at least, options left alone; the weak form alone refuses the redundant grid."""
     settings: dict[tuple[str, str], dict[str, set[float]]] = {}
-    for s in load_suite("bench").specs:
+    for s in load_suite("bench_engines").specs:
         if not s.options and s.label in ("recommended", "work"):
             steps = settings.setdefault((s.problem, s.solver), {}).setdefault(repr(s.parameters), set())
             steps.add(s.control.dt or s.control.rtol or 0.0)
     compared = {(s.problem, s.solver) for s in load_suite("paper").specs if s.label == "recommended"}
     assert len(compared) == 5 * 19
+    assert not {s.solver for s in load_suite("bench").specs} & set(ENGINES)
+    compared |= {(problem, s) for problem, _ in compared for s in ("dop853_joint", *ENGINES)}
     few = {pair for pair in compared if max(map(len, settings[pair].values())) < 5}
     assert few == {("four_bar_grid", "gc_weak_form")}
 

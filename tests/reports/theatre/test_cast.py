@@ -66,6 +66,14 @@ def test_every_failure_is_on_stage_before_more_successes():
     assert {"w", "d", "i", "s00", "s07", "s14"} <= set(names(chosen)) and names(chosen)[0] == "s00"
 
 
+def test_all_solvers_that_fail_are_on_stage():
+    """However many they are, beside the best, the middle and the worst."""
+    runs = [record(f"s{k}", f"s{k}", energy_drift_max_J=10.0**k) for k in range(5)]
+    lost = [record(f"w{k:02}", f"w{k:02}", "wrong") for k in range(12)]
+    chosen, _ = cast(variant(*runs, *lost), [c.run_id for c in (*runs, *lost)])
+    assert set(names(chosen)) == {"s0", "s2", "s4", *(c.run_id for c in lost)}
+
+
 def test_failures_come_before_more_of_the_same():
     """Of a solver's other label the run that stopped is shown, not the one that held."""
     runs = [record("fine", dt_s=0.001), record("coarse", dt_s=0.1)]
