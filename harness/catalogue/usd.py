@@ -1,0 +1,198 @@
+"""USD Physics as links and joints, read by Pixar's own library: units of the stage become SI, axes stay those of space.
+
+Joints that an articulation excludes are rows like all others. Shapes, limits and materials are left out; prims that
+would change which motions are possible are an error that names them.
+"""
+
+import importlib
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..mechanics.joints import JointKind
+from ..mechanics.system import GROUND
+from .links import HOME, Connection, Frame, Link
+
+STRETCH = 1e-5  # of a transform: beyond the rounding of float32 it is a scale
+COUPLES = re.compile(r"Joint|Mimic|Tendon|Gear|Equality")  # in names of schemas that restrict motions
+KINDS = {
+    "PhysicsRevoluteJoint": JointKind.REVOLUTE, "PhysicsPrismaticJoint": JointKind.PRISMATIC,
+    "PhysicsSphericalJoint": JointKind.SPHERICAL, "PhysicsFixedJoint": JointKind.FIXED,
+    "PhysicsDistanceJoint": JointKind.DISTANCE,
+}  # fmt: skip
+DRIVES = {JointKind.REVOLUTE: "angular", JointKind.PRISMATIC: "linear"}
+GRAVITY, STEP = 9.81, 1e-3  # where the stage says nothing
+
+
+class Refusal(ValueError):
+    """A prim that is not taken over."""
+
+    def __init__(self, prim: Any, words: str) -> None:
+        super().__init__(f"{prim.GetPath()}: {words}")
+
+
+def layers(path: Path) -> tuple[Path, ...]:
+    """The file and those that it is composed of."""
+    found = (Path(layer.realPath) for layer in _open(path).GetUsedLayers() if layer.realPath)
+    return tuple(dict.fromkeys((path, *(p for p in found if p.is_file() and not p.samefile(path)))))
+
+
+class Document:
+    """Links, joints, gravity and step of a stage."""
+
+    def __init__(self, path: Path) -> None:
+        self.usd, self.geom, self.physics = _library()
+        stage = _open(path)
+        self.metre = float(self.geom.GetStageMetersPerUnit(stage))
+        self.kilogram = float(self.physics.GetStageKilogramsPerUnit(stage))
+        self.reader, self.dt = f"usd-core {'.'.join(map(str, self.usd.GetVersion()[1:]))}", STEP
+        self.omitted: Counter[str] = Counter()
+        self._places = self.geom.XformCache()
+        prims = list(stage.Traverse(self.usd.TraverseInstanceProxies()))
+        up = np.eye(3)["XYZ".index(self.geom.GetStageUpAxis(stage))]
+        self.gravity = -GRAVITY * up
+        for prim in (p for p in prims if p.IsA(self.physics.Scene)):
+            self.gravity = self._gravity(self.physics.Scene(prim), up)
+        self.number = {p.GetPath(): k for k, p in enumerate(filter(self._is_body, prims))}
+        self.links = [self._link(p) for p in prims if p.GetPath() in self.number]
+        self.joints = [c for p in prims for c in self._joint(p)]
+        self.omitted["collision shapes"] = sum(p.HasAPI(self.physics.CollisionAPI) for p in prims)
+
+    def _gravity(self, scene: Any, up: np.ndarray) -> np.ndarray:
+        way, size = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float), scene.GetGravityMagnitudeAttr().Get()
+        way = way / np.linalg.norm(way) if np.any(way) else -up
+        out: np.ndarray = way * (GRAVITY if size < 0.0 else self.metre * size)
+        return out
+
+    def _is_body(self, prim: Any) -> bool:
+        if not prim.HasAPI(self.physics.RigidBodyAPI):
+            return False
+        body = self.physics.RigidBodyAPI(prim)
+        if body.GetKinematicEnabledAttr().Get():
+            raise Refusal(prim, "kinematic bodies are not taken over")
+        return bool(body.GetRigidBodyEnabledAttr().Get())
+
+    def _link(self, prim: Any) -> Link:
+        mass = self.physics.MassAPI(prim)
+        m, moments = mass.GetMassAttr().Get() or 0.0, np.array(mass.GetDiagonalInertiaAttr().Get() or (0.0,) * 3)
+        if not m > 0.0 or not np.any(moments):
+            raise Refusal(prim, "give physics:mass and physics:diagonalInertia; they are not computed from shapes")
+        centre = np.array(mass.GetCenterOfMassAttr().Get(), dtype=float)
+        if not np.all(np.isfinite(centre)):
+            if any(p.HasAPI(self.physics.CollisionAPI) for p in self.usd.PrimRange(prim)):
+                raise Refusal(prim, "give physics:centerOfMass; it is not computed from shapes")
+            centre = np.zeros(3)
+        if prim.GetAttribute("physxRigidBody:disableGravity").Get():
+            raise Refusal(prim, "gravity cannot be switched off for a body")
+        place, body = self._place(prim), self.physics.RigidBodyAPI(prim)
+        C = place @ Frame(self.metre * centre, _rotation(mass.GetPrincipalAxesAttr().Get()))
+        outside = self._place(prim.GetParent()).R
+        rates = (body.GetVelocityAttr(), body.GetAngularVelocityAttr())
+        v, omega = (outside @ np.array(a.Get(), dtype=float) for a in rates)
+        unit = self.kilogram * self.metre**2
+        return Link(str(prim.GetPath()), self.kilogram * m, unit * np.diag(moments.astype(float)), C, self.metre * v,
+                    np.radians(omega))  # fmt: skip
+
+    def _joint(self, prim: Any) -> Iterator[Connection]:
+        kind = str(prim.GetTypeName())
+        schemas = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+        odd = next((s for s in (kind, *schemas) if COUPLES.search(s) and s not in KINDS and "JointAPI" not in s
+                    and "JointState" not in s), None)  # fmt: skip
+        if odd:
+            raise Refusal(prim, f"{odd} is not taken over; joints are {', '.join(KINDS)}")
+        if kind not in KINDS:
+            return
+        joint = self.physics.Joint(prim)
+        if not joint.GetJointEnabledAttr().Get():
+            self.omitted["disabled joints"] += 1
+            return
+        ends = [self._end(prim, *side) for side in (
+            (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
+            (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
+        )]  # fmt: skip
+        (child, in_child), (parent, in_parent) = ends
+        if child == parent:
+            raise Refusal(prim, "body0 and body1 are parts of one body")
+        self.omitted["breakable joints"] += any(
+            math.isfinite(a.Get()) for a in (joint.GetBreakForceAttr(), joint.GetBreakTorqueAttr())
+        )
+        sort, length = KINDS[kind], 0.0
+        axis = np.eye(3)["XYZ".index(prim.GetAttribute("physics:axis").Get() or "X")]
+        if sort is JointKind.DISTANCE:
+            limits = [float(prim.GetAttribute(f"physics:{k}Distance").Get()) for k in ("min", "max")]
+            if limits[0] != limits[1] or not limits[0] > 0.0:
+                raise Refusal(prim, f"min and maxDistance must be equal and > 0 (got {limits[0]:g}, {limits[1]:g})")
+            length = self.metre * limits[0]
+        elif sort in DRIVES:
+            limits = [float(prim.GetAttribute(f"physics:{k}Limit").Get()) for k in ("lower", "upper")]
+            if limits[0] >= limits[1]:
+                raise Refusal(prim, f"limits lock it ({limits[0]:g}, {limits[1]:g}); use a PhysicsFixedJoint")
+            self.omitted["limits"] += any(map(math.isfinite, limits))
+        stiffness, rest, damping = self._drive(prim, sort)
+        yield Connection(str(prim.GetPath()), sort, child, parent, in_child, in_parent, axis, None, length, stiffness,
+                         rest, damping)  # fmt: skip
+
+    def _drive(self, prim: Any, sort: JointKind) -> tuple[float, float, float]:
+        """Stiffness, rest and damping of a drive that holds a position."""
+        if sort not in DRIVES or not prim.HasAPI(self.physics.DriveAPI, DRIVES[sort]):
+            return 0.0, 0.0, 0.0
+        drive = self.physics.DriveAPI(prim, DRIVES[sort])
+        k, c = (float(a.Get()) for a in (drive.GetStiffnessAttr(), drive.GetDampingAttr()))
+        if (k or c) and drive.GetTypeAttr().Get() != "force":
+            raise Refusal(prim, "drives must be of type force")
+        if c and drive.GetTargetVelocityAttr().Get():
+            raise Refusal(prim, "drives must have no targetVelocity")
+        self.omitted["limits of drives"] += math.isfinite(drive.GetMaxForceAttr().Get())
+        angular = sort is JointKind.REVOLUTE
+        unit = self.kilogram * (math.degrees(self.metre**2) if angular else 1.0)
+        target = float(drive.GetTargetPositionAttr().Get())
+        return unit * k, math.radians(target) if angular else self.metre * target, unit * c
+
+    def _end(self, joint: Any, body: Any, position: Any, turn: Any) -> tuple[int, Frame]:
+        """Number of a joint's body, and its frame in space as that body carries it."""
+        local = Frame(self.metre * np.array(position.Get(), dtype=float), _rotation(turn.Get()))
+        targets = body.GetForwardedTargets()
+        if not targets:
+            return GROUND, HOME @ local
+        prim = joint.GetStage().GetPrimAtPath(targets[0])
+        if not prim:
+            raise Refusal(joint, f"there is no {targets[0]}")
+        holder = prim
+        while holder and holder.GetPath() not in self.number:
+            holder = holder.GetParent()
+        return self.number[holder.GetPath()] if holder else GROUND, self._place(prim) @ local
+
+    def _place(self, prim: Any) -> Frame:
+        """The place of a prim in space [m]."""
+        T = np.array(self._places.GetLocalToWorldTransform(prim)).T
+        R, found = T[:3, :3], Rotation.from_matrix(T[:3, :3]).as_matrix()
+        if np.max(np.abs(R - found)) > STRETCH:
+            raise Refusal(prim, "its transform scales or shears; write bodies and joints without scale")
+        return Frame(self.metre * T[:3, 3], found)
+
+
+def _library() -> tuple[Any, Any, Any]:
+    try:
+        usd, geom, physics = (importlib.import_module(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdPhysics"))
+    except ImportError:
+        raise ValueError("usd-core reads such files and is not installed: pip install 'mbsbench[formats]'") from None
+    return usd, geom, physics
+
+
+def _open(path: Path) -> Any:
+    usd, tf = _library()[0], importlib.import_module("pxr.Tf")
+    try:
+        return usd.Stage.Open(str(path))
+    except tf.ErrorException as error:
+        raise ValueError(" ".join(str(error).split())) from None
+
+
+def _rotation(quaternion: Any) -> np.ndarray:
+    x = np.array([*quaternion.GetImaginary(), quaternion.GetReal()], dtype=float)
+    return Rotation.from_quat(x).as_matrix() if np.any(x) else np.eye(3)
