@@ -77,7 +77,7 @@ class Mechanism(ABC):
     def system(self) -> MultibodySystem:
         """Its system, or ValueError where a joint is not taken over."""
 
-    def _describe(self, reader: str, omitted: Mapping[str, int]) -> str:
+    def _describe(self, reader: str, omitted: Mapping[Any, int]) -> str:
         said = ", ".join(f"{what} ({n})" for what, n in omitted.items())
         read = f"{self.path.name} (sha256 {self.sha256}), read by {reader}"
         return f"{read}; not taken over: {said}" if said else read

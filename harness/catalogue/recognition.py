@@ -11,6 +11,7 @@ freedom away. Forces are those of gravity and of springs and dampers of joints t
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -66,7 +67,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
 
     needed, columns = [], []
     turning = [j for j in joints if j.sort in (JointKind.REVOLUTE, JointKind.CYLINDRICAL)]
-    sliding = [j for j in joints if j.sort in (JointKind.PRISMATIC, JointKind.CYLINDRICAL)]
+    sliding = [j for j in joints if j.sort in (JointKind.PRISMATIC, JointKind.CYLINDRICAL, JointKind.ON_LINE)]
     for one in samples:
         needed.append(one.twists.T @ _inertia_forces(bodies, one).ravel())
         found = [np.array([[*(b.mass * e), 0.0, 0.0, 0.0] for b in bodies]) for e in np.eye(3)]
@@ -140,7 +141,8 @@ def _between(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: 
             across = normals_of(a_j / np.linalg.norm(a_j))
             s_i, s_j, met = _meet(Q, d, across)
             if met:
-                yield Joint(i, s_i, j, s_j, a_i, a_j, name, JointKind.CYLINDRICAL)
+                length = np.linalg.norm(a_j)
+                yield Joint(i, s_i, j, s_j, a_i / length, a_j / length, name, JointKind.CYLINDRICAL)
                 return
             if np.ptp(d @ a_j) < NEAR * np.max(np.abs(d)):
                 yield Joint(i, none, j, d[0], None, a_j, name, JointKind.ON_PLANE)
@@ -148,7 +150,7 @@ def _between(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: 
                 yield Joint(i, none, j, none, a_i, n, name, JointKind.NORMAL)
 
 
-def _of_point(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, object]]:
+def _of_point(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, Any]]:
     """Joints of a point mass that is at ``d``, seen from a body or from another ``point``."""
     ways, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
     far = np.max(np.abs(d))
@@ -216,18 +218,20 @@ def _turned(joint: Joint, s: State, start: State) -> tuple[float, float, Float[n
 def _slid(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
     """Way of i along the axis, its rate, and a force of 1 N along it on i."""
     (r_i, R_i), (r_j, R_j) = _pose(s, joint.i), _pose(s, joint.j)
-    axis = R_j @ np.asarray(joint.axis_j)
+    way = np.asarray(joint.axis_j)
+    axis = R_j @ way
     point = r_i + R_i @ joint.s_i
     push = np.zeros((s.nb, 6))
     push[joint.i] = [*axis, *np.cross(joint.s_i, R_i.T @ axis)]
     if joint.j != GROUND:
-        push[joint.j] = [*(-axis), *np.cross(R_j.T @ (point - r_j), -np.asarray(joint.axis_j))]
+        push[joint.j] = [*(-axis), *np.cross(R_j.T @ (point - r_j), -way)]
     rate = float(np.sum(push * np.concatenate((s.v, s.Omega), axis=1)))
     return float(axis @ (point - r_j - R_j @ joint.s_j)), rate, push
 
 
 def _across(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    axis = np.asarray(joint.axis_j) / np.linalg.norm(joint.axis_j)
+    axis = np.asarray(joint.axis_j)
+    axis = axis / np.linalg.norm(axis)
     e = normals_of(axis)[0]
     return axis, e, _pose(start, joint.i)[1].T @ _pose(start, joint.j)[1] @ e
 
