@@ -19,7 +19,7 @@ from ..mechanics.motion import constraint
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem, RigidBody, SpringDamper, TorsionSpring, assemble
 from ..types import Problem
-from .mechanism import BEHIND, T_END, Mechanism
+from .mechanism import BEHIND, NO_INERTIA, T_END, Mechanism
 from .options import Parameter
 
 OPEN = 1e-4  # of the size: joints open by more at the start are an error, by less (data in float32) are closed
@@ -97,7 +97,7 @@ class LinkMechanism(Mechanism):
 
     def system(self) -> MultibodySystem:
         """Every joint has its rows."""
-        bodies = [RigidBody(k.mass, k.inertia, k.name) for k in self.links]
+        bodies = [RigidBody(k.mass, _without_dust(k.inertia), k.name) for k in self.links]
         sides = [self._sides(c) for c in self.connections]
         joints = [_joint(*s) for s in sides]
         turning = [s for s in sides if s[0].kind is JointKind.REVOLUTE and (s[0].stiffness or s[0].damping)]
@@ -113,7 +113,9 @@ class LinkMechanism(Mechanism):
         v, omega = (np.array([getattr(k, name) for k in self.links]) for name in ("v", "omega"))
         start = State(np.array([k.C.p for k in self.links]), R, v, np.einsum("bji,bj->bi", R, omega))
         gaps = np.abs(constraint(system, States.one(start))[0])
-        if (gap := float(np.max(gaps, initial=0.0))) > OPEN * max(1.0, float(np.max(np.abs(system.joint_s_i)))):
+        if (gap := float(np.max(gaps, initial=0.0))) > OPEN * max(
+            1.0, float(np.max(np.abs(system.joint_s_i), initial=0.0))
+        ):
             name = system.joint_names[int(np.searchsorted(system.row_start, np.argmax(gaps), side="right")) - 1]
             raise ValueError(f"joint {name} is open at the start by {gap:.3g} (m or rad)")
         if any(rates := np.array(given.get("rates", ()))):
@@ -152,6 +154,12 @@ class LinkMechanism(Mechanism):
         y -= rest @ np.linalg.lstsq(B[~asked] @ rest, B[~asked] @ y, rcond=None)[0]
         x = (free @ y).reshape(-1, 6)
         return State(start.r, start.R, x[:, :3], x[:, 3:])
+
+
+def _without_dust(J: np.ndarray) -> np.ndarray:
+    """The inertia, zero where it stands for none."""
+    moments, axes = np.linalg.eigh(J)
+    return J if np.all(moments > NO_INERTIA) else (axes * np.where(moments > NO_INERTIA, moments, 0.0)) @ axes.T
 
 
 def _null(A: np.ndarray) -> np.ndarray:

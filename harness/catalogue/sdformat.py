@@ -79,7 +79,7 @@ class Document:
             if part.tag in COUNTED:
                 self.omitted[COUNTED[part.tag]] += 1
             elif part.tag not in READ[kind].split():
-                raise Refusal(part, f"not taken over in a {kind}")
+                raise Refusal(part, f"not taken over within {kind}")
 
 
 class _Model:

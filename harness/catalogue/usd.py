@@ -17,16 +17,25 @@ from scipy.spatial.transform import Rotation
 
 from ..mechanics.joints import JointKind
 from ..mechanics.system import GROUND
-from .links import HOME, Connection, Frame, Link
+from .links import Connection, Frame, Link
 
-STRETCH = 1e-5  # of a transform: beyond the rounding of float32 it is a scale
+SHEAR = 1e-5  # of a transform: beyond the rounding of float32
 COUPLES = re.compile(r"Joint|Mimic|Tendon|Gear|Equality")  # in names of schemas that restrict motions
 KINDS = {
     "PhysicsRevoluteJoint": JointKind.REVOLUTE, "PhysicsPrismaticJoint": JointKind.PRISMATIC,
     "PhysicsSphericalJoint": JointKind.SPHERICAL, "PhysicsFixedJoint": JointKind.FIXED,
     "PhysicsDistanceJoint": JointKind.DISTANCE,
 }  # fmt: skip
+KNOWN = (*KINDS, "PhysicsJoint")
 DRIVES = {JointKind.REVOLUTE: "angular", JointKind.PRISMATIC: "linear"}
+FREE = {  # by what the limits of a PhysicsJoint do not lock, with the axis
+    **{(f"rot{a}",): (JointKind.REVOLUTE, a) for a in "XYZ"},
+    **{(f"trans{a}",): (JointKind.PRISMATIC, a) for a in "XYZ"},
+    **{(f"trans{a}", f"rot{a}"): (JointKind.CYLINDRICAL, a) for a in "XYZ"},
+    (): (JointKind.FIXED, "X"), ("rotX", "rotY", "rotZ"): (JointKind.SPHERICAL, "X"),
+}  # fmt: skip
+WAYS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+LIMITED = ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint")
 GRAVITY, STEP = 9.81, 1e-3  # where the stage says nothing
 
 
@@ -39,7 +48,8 @@ class Refusal(ValueError):
 
 def layers(path: Path) -> tuple[Path, ...]:
     """The file and those that it is composed of."""
-    found = (Path(layer.realPath) for layer in _open(path).GetUsedLayers() if layer.realPath)
+    stage = _open(path)
+    found = (Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath)
     return tuple(dict.fromkeys((path, *(p for p in found if p.is_file() and not p.samefile(path)))))
 
 
@@ -90,9 +100,8 @@ class Document:
             centre = np.zeros(3)
         if prim.GetAttribute("physxRigidBody:disableGravity").Get():
             raise Refusal(prim, "gravity cannot be switched off for a body")
-        place, body = self._place(prim), self.physics.RigidBodyAPI(prim)
-        C = place @ Frame(self.metre * centre, _rotation(mass.GetPrincipalAxesAttr().Get()))
-        outside = self._place(prim.GetParent()).R
+        body, outside = self.physics.RigidBodyAPI(prim), self._frame(prim.GetParent(), np.zeros(3)).R
+        C = self._frame(prim, centre, mass.GetPrincipalAxesAttr().Get())
         rates = (body.GetVelocityAttr(), body.GetAngularVelocityAttr())
         v, omega = (outside @ np.array(a.Get(), dtype=float) for a in rates)
         unit = self.kilogram * self.metre**2
@@ -102,11 +111,10 @@ class Document:
     def _joint(self, prim: Any) -> Iterator[Connection]:
         kind = str(prim.GetTypeName())
         schemas = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
-        odd = next((s for s in (kind, *schemas) if COUPLES.search(s) and s not in KINDS and "JointAPI" not in s
-                    and "JointState" not in s), None)  # fmt: skip
-        if odd:
-            raise Refusal(prim, f"{odd} is not taken over; joints are {', '.join(KINDS)}")
-        if kind not in KINDS:
+        for odd in filter(COUPLES.search, (kind, *schemas)):
+            if odd not in KNOWN and not odd.startswith(("PhysxJointAPI", "PhysicsJointState")):
+                raise Refusal(prim, f"{odd} is not taken over; joints are {', '.join(KNOWN)}")
+        if kind not in KNOWN:
             return
         joint = self.physics.Joint(prim)
         if not joint.GetJointEnabledAttr().Get():
@@ -122,59 +130,79 @@ class Document:
         self.omitted["breakable joints"] += any(
             math.isfinite(a.Get()) for a in (joint.GetBreakForceAttr(), joint.GetBreakTorqueAttr())
         )
-        sort, length = KINDS[kind], 0.0
-        axis = np.eye(3)["XYZ".index(prim.GetAttribute("physics:axis").Get() or "X")]
+        sort, length, letter, drive = KINDS.get(kind), 0.0, prim.GetAttribute("physics:axis").Get() or "X", ""
+        if sort is None:
+            free = tuple(w for w in WAYS if not self._is_locked(prim, w))
+            if free == WAYS:
+                return
+            if free not in FREE:
+                raise Refusal(prim, f"a joint that leaves {', '.join(free)} free is not taken over")
+            (sort, letter), drive = FREE[free], free[0] if len(free) == 1 else ""
+        elif sort in DRIVES:
+            drive = DRIVES[sort]
+        axis = np.eye(3)["XYZ".index(letter)]
         if sort is JointKind.DISTANCE:
             limits = [float(prim.GetAttribute(f"physics:{k}Distance").Get()) for k in ("min", "max")]
             if limits[0] != limits[1] or not limits[0] > 0.0:
                 raise Refusal(prim, f"min and maxDistance must be equal and > 0 (got {limits[0]:g}, {limits[1]:g})")
             length = self.metre * limits[0]
-        elif sort in DRIVES:
+        elif kind in LIMITED:
             limits = [float(prim.GetAttribute(f"physics:{k}Limit").Get()) for k in ("lower", "upper")]
             if limits[0] >= limits[1]:
-                raise Refusal(prim, f"limits lock it ({limits[0]:g}, {limits[1]:g}); use a PhysicsFixedJoint")
+                raise Refusal(prim, f"its limits lock it ({limits[0]:g}, {limits[1]:g}); use a PhysicsFixedJoint")
             self.omitted["limits"] += any(map(math.isfinite, limits))
-        stiffness, rest, damping = self._drive(prim, sort)
+        others = [s for s in schemas if s.startswith("PhysicsDriveAPI:") and s != f"PhysicsDriveAPI:{drive}"]
+        self.omitted["drives of joints with several axes"] += len(others)
+        stiffness, rest, damping = self._drive(prim, drive) if drive else (0.0, 0.0, 0.0)
         yield Connection(str(prim.GetPath()), sort, child, parent, in_child, in_parent, axis, None, length, stiffness,
                          rest, damping)  # fmt: skip
 
-    def _drive(self, prim: Any, sort: JointKind) -> tuple[float, float, float]:
+    def _is_locked(self, prim: Any, way: str) -> bool:
+        """Whether a limit of a PhysicsJoint locks it; others are counted."""
+        if not prim.HasAPI(self.physics.LimitAPI, way):
+            return False
+        limit = self.physics.LimitAPI(prim, way)
+        low, high = limit.GetLowAttr().Get(), limit.GetHighAttr().Get()
+        self.omitted["limits"] += low < high and (math.isfinite(low) or math.isfinite(high))
+        return bool(low >= high)
+
+    def _drive(self, prim: Any, name: str) -> tuple[float, float, float]:
         """Stiffness, rest and damping of a drive that holds a position."""
-        if sort not in DRIVES or not prim.HasAPI(self.physics.DriveAPI, DRIVES[sort]):
+        if not prim.HasAPI(self.physics.DriveAPI, name):
             return 0.0, 0.0, 0.0
-        drive = self.physics.DriveAPI(prim, DRIVES[sort])
+        drive = self.physics.DriveAPI(prim, name)
         k, c = (float(a.Get()) for a in (drive.GetStiffnessAttr(), drive.GetDampingAttr()))
         if (k or c) and drive.GetTypeAttr().Get() != "force":
             raise Refusal(prim, "drives must be of type force")
         if c and drive.GetTargetVelocityAttr().Get():
             raise Refusal(prim, "drives must have no targetVelocity")
         self.omitted["limits of drives"] += math.isfinite(drive.GetMaxForceAttr().Get())
-        angular = sort is JointKind.REVOLUTE
+        angular = name.startswith(("angular", "rot"))
         unit = self.kilogram * (math.degrees(self.metre**2) if angular else 1.0)
         target = float(drive.GetTargetPositionAttr().Get())
         return unit * k, math.radians(target) if angular else self.metre * target, unit * c
 
     def _end(self, joint: Any, body: Any, position: Any, turn: Any) -> tuple[int, Frame]:
         """Number of a joint's body, and its frame in space as that body carries it."""
-        local = Frame(self.metre * np.array(position.Get(), dtype=float), _rotation(turn.Get()))
         targets = body.GetForwardedTargets()
-        if not targets:
-            return GROUND, HOME @ local
-        prim = joint.GetStage().GetPrimAtPath(targets[0])
+        prim = joint.GetStage().GetPrimAtPath(targets[0] if targets else "/")
         if not prim:
             raise Refusal(joint, f"there is no {targets[0]}")
         holder = prim
         while holder and holder.GetPath() not in self.number:
             holder = holder.GetParent()
-        return self.number[holder.GetPath()] if holder else GROUND, self._place(prim) @ local
+        place = self._frame(prim, np.array(position.Get(), dtype=float), turn.Get())
+        return self.number[holder.GetPath()] if holder else GROUND, place
 
-    def _place(self, prim: Any) -> Frame:
-        """The place of a prim in space [m]."""
+    def _frame(self, prim: Any, p: np.ndarray, turn: Any = None) -> Frame:
+        """The place in space [m] of a point and axes of a prim, whose scale counts for the point."""
         T = np.array(self._places.GetLocalToWorldTransform(prim)).T
-        R, found = T[:3, :3], Rotation.from_matrix(T[:3, :3]).as_matrix()
-        if np.max(np.abs(R - found)) > STRETCH:
-            raise Refusal(prim, "its transform scales or shears; write bodies and joints without scale")
-        return Frame(self.metre * T[:3, 3], found)
+        axes = T[:3, :3] / np.linalg.norm(T[:3, :3], axis=0)
+        R = Rotation.from_matrix(axes).as_matrix()
+        if np.max(np.abs(axes - R)) > SHEAR:
+            raise Refusal(prim, "its transform shears or mirrors")
+        x = np.array([0.0, 0.0, 0.0, 0.0] if turn is None else [*turn.GetImaginary(), turn.GetReal()])
+        return Frame(self.metre * (T[:3, :3] @ p + T[:3, 3]), R @ Rotation.from_quat(x).as_matrix() if np.any(x) else R)
 
 
 def _library() -> tuple[Any, Any, Any]:
@@ -191,8 +219,3 @@ def _open(path: Path) -> Any:
         return usd.Stage.Open(str(path))
     except tf.ErrorException as error:
         raise ValueError(" ".join(str(error).split())) from None
-
-
-def _rotation(quaternion: Any) -> np.ndarray:
-    x = np.array([*quaternion.GetImaginary(), quaternion.GetReal()], dtype=float)
-    return Rotation.from_quat(x).as_matrix() if np.any(x) else np.eye(3)
