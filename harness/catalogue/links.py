@@ -117,7 +117,7 @@ class LinkMechanism(Mechanism):
             1.0, float(np.max(np.abs(system.joint_s_i), initial=0.0))
         ):
             name = system.joint_names[int(np.searchsorted(system.row_start, np.argmax(gaps), side="right")) - 1]
-            raise ValueError(f"joint {name} is open at the start by {gap:.3g} (m or rad)")
+            raise ValueError(f"{self.path.name}: joint {name} is open at the start by {gap:.3g} (m or rad)")
         if any(rates := np.array(given.get("rates", ()))):
             start = self._moving(system, start, rates)
         return Problem(self.name, system, project(system, start), T_END, self.dt, "", self.doc)

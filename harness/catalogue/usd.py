@@ -216,6 +216,9 @@ def _library() -> tuple[Any, Any, Any]:
 def _open(path: Path) -> Any:
     usd, tf = _library()[0], importlib.import_module("pxr.Tf")
     try:
-        return usd.Stage.Open(str(path))
+        stage = usd.Stage.Open(str(path))
     except tf.ErrorException as error:
-        raise ValueError(" ".join(str(error).split())) from None
+        raise ValueError(" ".join(str(error.args[0].commentary).split())) from None
+    if errors := stage.GetCompositionErrors():
+        raise ValueError(str(errors[0]))
+    return stage
