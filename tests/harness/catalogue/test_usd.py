@@ -9,7 +9,6 @@ import pytest
 
 from mbsbench import JointKind, accelerations, make_problem
 from mbsbench.harness.catalogue import mechanism_files
-from mbsbench.harness.catalogue.registry import load_plugin
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("pxr") is None, reason="usd-core is an optional extra: formats"
@@ -86,8 +85,9 @@ def test_units_and_the_vertical_change_no_motion(tmp_path, metre, kilogram, up, 
     """In cm and g as in m and kg, y up as z up: the same accelerations, in another frame."""
     angular = 1.0 / (kilogram * metre**2)
     texts = [
-        linkage(m, k, v, f"float drive:angular:physics:stiffness = {4 * a}\n float drive:angular:physics:damping = {a}\n"
-                "float drive:angular:physics:targetPosition = 10" if drive else "")
+        linkage(m, k, v, f"""float drive:angular:physics:stiffness = {4 * a}
+        float drive:angular:physics:damping = {a}
+        float drive:angular:physics:targetPosition = 10""" if drive else "")
         for m, k, v, a in ((1.0, 1.0, "Z", 1.0), (metre, kilogram, up, angular))
     ]  # fmt: skip
     one, other = (
@@ -111,7 +111,7 @@ def test_units_and_the_vertical_change_no_motion(tmp_path, metre, kilogram, up, 
     "kamino/basics/box_pendulum.usda", "kamino/basics/cartpole.usda", "revolute_articulation.usda", "linkage",
 ])  # fmt: skip
 def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
-    """Newton reads the file and makes a model of MuJoCo's in float64: its matrices and rows, not its float32 solvers."""
+    """Newton reads the file and makes a model of MuJoCo's, in float64: its own solvers are in float32."""
     newton = pytest.importorskip("newton", reason="newton is compared with where it is installed")
     from mbsbench.solvers.engines.export.model_check import SAME, differences
 
@@ -123,7 +123,7 @@ def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
     ours = mechanism_files.read(path)
     builder = newton.ModelBuilder()
     builder.add_usd(str(path))
-    if -1 in builder.joint_articulation:
+    if max(builder.joint_articulation) < 0:
         builder.add_articulation([*range(builder.joint_count)])
     model = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
     m = CompiledMechanism("newton", Path(), "", pytest.importorskip("mujoco"), model, {})
@@ -134,12 +134,11 @@ def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
 
 
 @pytest.mark.parametrize(("before", "after", "words"), [
-    ('def PhysicsRevoluteJoint "B"', 'def PhysxPhysicsGearJoint "B"', "/World/B: PhysxPhysicsGearJoint is not taken over"),
+    ('def PhysicsRevoluteJoint "B"', 'def PhysxPhysicsGearJoint "B"', "/World/B: PhysxPhysicsGearJoint is not taken"),
     ("float physics:mass = 2.0", "float physics:mass = 0", "/World/crank: give physics:mass"),
-    ("rel physics:body0 = </World/crank>", "rel physics:body0 = </World/nowhere>", "/World/B: there is no /World/nowhere"),
+    ("rel physics:body0 = </World/crank>", "rel physics:body0 = </World/none>", "/World/B: there is no /World/none"),
     ("(-1.0, 0, 0.0)", "(-1.5, 0, 0.0)", "refused.usda: joint /World/B is open at the start by 0.5"),
-    ('["PhysicsRigidBodyAPI", "PhysicsMassAPI"]', '["PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysxMimicJointAPI:rotX"]',
-     "/World/crank: PhysxMimicJointAPI:rotX is not taken over"),
+    ('"PhysicsMassAPI"]', '"PhysicsMassAPI", "PhysxMimicJointAPI:rotX"]', "PhysxMimicJointAPI:rotX is not taken over"),
     ("#usda 1.0", "#usda one", "refused.usda:1:1: Unable to parse layer version"),
     ("upAxis", "subLayers = [@./none.usda@]\n upAxis", "Could not load sublayer"),
 ])  # fmt: skip
@@ -148,9 +147,8 @@ def test_a_refused_prim_is_named(tmp_path, before, after, words):
     text = linkage()
     assert before in text
     path = written(tmp_path, text.replace(before, after, 1), "refused.usda")
-    with pytest.raises(ValueError, match=r"refused|open") as error:
-        load_plugin(path)
-        make_problem("refused")
+    with pytest.raises(ValueError, match=r"refused") as error:
+        make_problem(str(path))
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
