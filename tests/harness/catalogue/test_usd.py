@@ -108,7 +108,8 @@ def test_units_and_the_vertical_change_no_motion(tmp_path, metre, kilogram, up, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [
-    "kamino/basics/box_pendulum.usda", "kamino/basics/cartpole.usda", "revolute_articulation.usda", "linkage",
+    "kamino/basics/box_pendulum.usda", "kamino/basics/cartpole.usda",
+    "kamino/basics/boxes_hinged.usda", "linkage",
 ])  # fmt: skip
 def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
     """Newton reads the file and makes a model of MuJoCo's, in float64: its own solvers are in float32."""
@@ -117,13 +118,15 @@ def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
 
     from ...solvers.engines.test_mechanism_files import CompiledMechanism, moving, theirs
 
-    path = (
-        written(tmp_path, linkage()) if name == "linkage" else Path(newton.__file__).parent / "tests" / "assets" / name
-    )
+    text = linkage().replace('"scene" {}', '"scene" {\nfloat physics:gravityMagnitude = 9.75\n}')  # a float32
+    assets = Path(newton.__file__).parent / "tests" / "assets"
+    path = written(tmp_path, text) if name == "linkage" else assets / name
     ours = mechanism_files.read(path)
     builder = newton.ModelBuilder()
     builder.add_usd(str(path))
-    if max(builder.joint_articulation) < 0:
+    if max(builder.joint_articulation) < 0:  # Newton wants a joint for a free body, and a root for the tree
+        for body in {*range(builder.body_count)} - {*builder.joint_child}:
+            builder.add_joint_free(child=body)
         builder.add_articulation([*range(builder.joint_count)])
     model = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
     m = CompiledMechanism("newton", Path(), "", pytest.importorskip("mujoco"), model, {})
