@@ -28,7 +28,7 @@ KINDS = {
 }  # fmt: skip
 KNOWN = (*KINDS, "PhysicsJoint")
 DRIVES = {JointKind.REVOLUTE: "angular", JointKind.PRISMATIC: "linear"}
-FREE = {  # by what the limits of a PhysicsJoint do not lock, with the axis
+FREE: dict[tuple[str, ...], tuple[JointKind, str]] = {  # by what limits of a PhysicsJoint do not lock, with the axis
     **{(f"rot{a}",): (JointKind.REVOLUTE, a) for a in "XYZ"},
     **{(f"trans{a}",): (JointKind.PRISMATIC, a) for a in "XYZ"},
     **{(f"trans{a}", f"rot{a}"): (JointKind.CYLINDRICAL, a) for a in "XYZ"},

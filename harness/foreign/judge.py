@@ -110,7 +110,8 @@ def _read_file(problem: Problem, path: Path, given: FileSettings) -> tuple[Table
         theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in given.columns if "=" in c)
     }
     if path.suffix.lower() == fmu.SUFFIX:
-        table = fmu.run_fmu(path, problem.t_end, given.control and given.control.dt, problem.dt, renamed)
+        asked = None if given.control is None else given.control.dt
+        table = fmu.run_fmu(path, problem.t_end, asked, problem.dt, renamed)
     else:
         table = read_table(path, positional, renamed)
     found = find_quantities(table, problem.system.body_names, renamed)

@@ -106,6 +106,21 @@ def test_units_and_the_vertical_change_no_motion(tmp_path, metre, kilogram, up, 
     assert np.allclose(a.v_dot @ Q.T, b.v_dot, atol=1e-5) and np.allclose(a.Omega_dot, b.Omega_dot, atol=1e-5)
 
 
+def test_a_joint_may_name_its_bodies_in_either_order(tmp_path):
+    """From the link to the world its coordinate has the other sign: the target changes sign, the motion does not."""
+    words = "float drive:angular:physics:stiffness = 4\nfloat drive:angular:physics:targetPosition = {}"
+    text = linkage(drive=words.format(10))
+    ends = "rel physics:body0 = </World>\n        rel physics:body1 = </World/crank>"
+    points = ["point3f physics:localPos0 = (0.0, 0, 0.0)", "point3f physics:localPos1 = (0.0, 0, -0.5)"]
+    assert ends in text and all(p in text for p in points)
+    other = text.replace(ends, "rel physics:body0 = </World/crank>", 1).replace("= 10", "= -10")
+    other = other.replace(points[0], "HERE", 1).replace(points[1], points[1].replace("localPos1", "localPos0"), 1)
+    other = other.replace("HERE", points[0].replace("localPos0", "localPos1"), 1)
+    one, two = (make_problem(str(written(tmp_path, t, f"order{k}.usda"))) for k, t in enumerate((text, other)))
+    a, b = (accelerations(p.system, p.initial).v_dot for p in (one, two))
+    assert np.max(np.abs(a)) > 1.0 and np.allclose(a, b, atol=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [
     "kamino/basics/box_pendulum.usda", "kamino/basics/cartpole.usda",
