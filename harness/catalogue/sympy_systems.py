@@ -23,6 +23,7 @@ from .recognition import Sample, find_forces, find_joints
 
 SAME = 1e-10  # of the largest: accelerations
 STATES = 24  # in which poses are compared
+CLOSED = 1e-13  # of configuration constraints
 REACH = 0.3  # of random coordinates from the start [m or rad]
 
 
@@ -208,12 +209,18 @@ class _Equations:
     def samples(self, start: Float[np.ndarray, " nq"]) -> list[Sample]:
         """The start, closed, and random states about it."""
         random, out = np.random.default_rng(0), list[Sample]()
-        while len(out) < STATES:
-            q = self._closed(start + REACH * random.standard_normal(len(start)) * bool(out))
+        for reach in (0.0, *np.geomspace(REACH, 0.1 * REACH, 4 * STATES)):  # shorter, where a loop does not go so far
+            q = self._closed(start + reach * random.standard_normal(len(start)))
+            if np.max(np.abs(self._at("closing", q)), initial=0.0) > CLOSED:
+                if not out:
+                    raise ValueError("no pose near the start satisfies its configuration constraints")
+                continue
             C = self._at("allowed", q)
             size, rows = np.linalg.svd(C)[1:] if len(C) else (np.zeros(0), np.eye(len(self.u)))
             free = rows[int(np.sum(size > 1e-9 * np.max(size, initial=0.0))) :].T
             out.append(self._sample(q, free @ random.standard_normal(free.shape[1]), free))
+            if len(out) == STATES:
+                break
         return out
 
     def _sample(self, q: np.ndarray, u: np.ndarray, free: np.ndarray) -> Sample:
@@ -234,7 +241,7 @@ class _Equations:
     def _closed(self, q: np.ndarray) -> np.ndarray:
         for _ in range(50):
             gap = self._at("closing", q).ravel()
-            if np.max(np.abs(gap), initial=0.0) < 1e-14:
+            if np.max(np.abs(gap), initial=0.0) < 0.1 * CLOSED:
                 break
             q = q - np.linalg.lstsq(self._at("opening", q), gap, rcond=None)[0]
         return q

@@ -204,6 +204,14 @@ def test_forces_of_no_kind_here_are_refused(me, sp):
         read_sympy(system, values, start)
 
 
+def test_a_loop_that_cannot_be_closed_is_refused(me, sp):
+    """A ground link longer than the others together."""
+    kane, values, start, _ = four_bar(me, sp)
+    longest = next(k for k in values if str(k) == "l4")
+    with pytest.raises(ValueError, match="no pose near the start"):
+        read_sympy(kane, {**values, longest: 5.0}, start)
+
+
 def test_restrictions_of_velocities_alone_are_refused(me, sp):
     """A knife edge: its body is free in every pose, and not in every velocity."""
     q, u = me.dynamicsymbols("x y a"), me.dynamicsymbols("u v w")
