@@ -19,7 +19,7 @@ from ..mechanics.motion import constraint
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem, RigidBody, SpringDamper, TorsionSpring, assemble
 from ..types import Problem
-from .mechanism import BEHIND, NO_INERTIA, T_END, Mechanism
+from .mechanism import BEHIND, NEAR, NO_INERTIA, T_END, Mechanism
 from .options import Parameter
 
 OPEN = 1e-4  # of the size: joints open by more at the start are an error, by less (data in float32) are closed
@@ -145,12 +145,14 @@ class LinkMechanism(Mechanism):
                     both = (0.0 * a, R.T @ a) if turning else (a, R.T @ np.cross(frame.p - r, a))
                     row[b] = sign * np.concatenate(both)
             rows.append(row.ravel())
-        free = _null(constraint_jacobian(system, start).toarray())
+        from scipy.linalg import null_space
+
+        free = null_space(constraint_jacobian(system, start).toarray(), rcond=NEAR)
         B, asked = np.array(rows) @ free, rates != 0.0
         y = np.linalg.lstsq(B[asked], rates[asked], rcond=None)[0]
         if np.max(np.abs(B[asked] @ y - rates[asked])) > 1e-6 * np.max(np.abs(rates)):
             raise ValueError("rates: the loops allow no such rates; give fewer, and 0 for the others")
-        rest = _null(B[asked])
+        rest = null_space(B[asked], rcond=NEAR)
         y -= rest @ np.linalg.lstsq(B[~asked] @ rest, B[~asked] @ y, rcond=None)[0]
         x = (free @ y).reshape(-1, 6)
         return State(start.r, start.R, x[:, :3], x[:, 3:])
@@ -160,12 +162,6 @@ def _without_dust(J: np.ndarray) -> np.ndarray:
     """The inertia, zero where it stands for none."""
     moments, axes = np.linalg.eigh(J)
     return J if np.all(moments > NO_INERTIA) else (axes * np.where(moments > NO_INERTIA, moments, 0.0)) @ axes.T
-
-
-def _null(A: np.ndarray) -> np.ndarray:
-    _, size, rows = np.linalg.svd(A)
-    out: np.ndarray = rows[int(np.sum(size > 1e-9 * np.max(size, initial=0.0))) :].T
-    return out
 
 
 def _joint(c: Connection, here: Frame, there: Frame, i: int, j: int, axis: np.ndarray) -> Joint:

@@ -21,9 +21,8 @@ from ..mechanics.joints import ROWS, Joint, JointKind
 from ..mechanics.joints.frames import normals_of
 from ..mechanics.state import State
 from ..mechanics.system import GROUND, RigidBody, SpringDamper, TorsionSpring, assemble
-from .mechanism import BEHIND
+from .mechanism import BEHIND, NEAR
 
-NEAR = 1e-9  # of the size: what agrees in every state
 RANK = 1e-7  # of the largest singular value of rows of length one
 
 
@@ -100,6 +99,8 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
 
 def _between(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: int) -> Iterator[Joint]:
     """Joints that hold between two bodies; a point mass is taken for i."""
+    from scipy.linalg import null_space
+
     if j != GROUND and np.any(bodies[i].inertia) and not np.any(bodies[j].inertia):
         i, j = j, i
     ends = [(_pose(s.state, i), _pose(s.state, j)) for s in samples]
@@ -111,7 +112,7 @@ def _between(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: 
         yield from (Joint(i, np.zeros(3), j, name=name, **kind) for kind in _of_point(d, point))
         return
     none = np.zeros(3)
-    axes = _null(np.concatenate([np.hstack((q, -np.eye(3))) for q in Q]))
+    axes = null_space(np.concatenate([np.hstack((q, -np.eye(3))) for q in Q]), rcond=NEAR).T
     s_i, s_j, met = _meet(Q, d, np.eye(3))
     match len(axes), met:
         case 3, True:
@@ -120,7 +121,7 @@ def _between(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: 
         case 1, True:
             yield Joint(i, s_i, j, s_j, axes[0, :3], axes[0, 3:], name, JointKind.REVOLUTE)
         case 0, True:
-            normal = _null(Q.transpose(0, 2, 1).reshape(-1, 9))  # a_i Q^T a_j
+            normal = null_space(Q.transpose(0, 2, 1).reshape(-1, 9), rcond=NEAR).T  # a_i Q^T a_j
             sides, size, others = np.linalg.svd(normal[0].reshape(3, 3)) if len(normal) == 1 else (none, none + 1, none)
             if size[1] < NEAR * size[0]:
                 yield Joint(i, s_i, j, s_j, sides[:, 0], others[0], name, JointKind.UNIVERSAL)
@@ -175,12 +176,6 @@ def _meet(Q: np.ndarray, d: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, n
     b = -(d @ ways.T).ravel()
     x = np.linalg.lstsq(A, b, rcond=NEAR)[0]
     return x[:3], x[3:], bool(np.max(np.abs(A @ x - b)) < NEAR * (np.max(np.abs(d)) + np.max(np.abs(x))))
-
-
-def _null(A: np.ndarray) -> np.ndarray:
-    _, size, rows = np.linalg.svd(A)
-    out: np.ndarray = rows[int(np.sum(size > NEAR * size[0])) :]
-    return out
 
 
 def _pose(s: State, b: int) -> tuple[np.ndarray, np.ndarray]:

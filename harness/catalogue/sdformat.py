@@ -31,7 +31,7 @@ READ = {  # what an element may hold beside what is counted; others are refused
             "audio_sink audio_source particle_emitter",
     "inertial": "pose mass inertia",
     "joint": "parent child pose axis axis2 physics",
-    "axis": "xyz dynamics limit use_parent_model_frame initial_position",
+    "axis": "xyz dynamics limit use_parent_model_frame",
     "dynamics": "damping friction spring_reference spring_stiffness",
 }  # fmt: skip
 
@@ -64,17 +64,18 @@ class Document:
         self.reader = f"the reader of SDFormat, version {root.get('version', '?')}"
         self.omitted: Counter[str] = Counter()
         if world is not root:
-            self._check(world, "world")
+            self.check(world, "world")
         self.gravity = np.array(_numbers(world, "gravity", GRAVITY, 3))
         self.dt = _numbers(world, "physics/max_step_size", STEP, 1)[0]
         self.links: list[Link] = []
         self.joints: list[Connection] = []
         models = world.findall("model")
         for model in models:
-            self._check(model, "model")
+            self.check(model, "model")
             _Model(self, model, f"{model.get('name')}::" if len(models) > 1 else "").read()
 
-    def _check(self, e: ET.Element, kind: str) -> None:
+    def check(self, e: ET.Element, kind: str) -> None:
+        """Count what is left out of an element; Refusal of what is unknown."""
         for part in e:
             if part.tag in COUNTED:
                 self.omitted[COUNTED[part.tag]] += 1
@@ -94,7 +95,7 @@ class _Model:
     def read(self) -> None:
         """Add the model's links and joints."""
         for e in self.model.findall("link"):
-            self.document._check(e, "link")
+            self.document.check(e, "link")
             name = e.get("name", "")
             self.number[name] = GROUND if self.static else len(self.document.links)
             if not self.static:
@@ -109,7 +110,7 @@ class _Model:
             raise Refusal(e, "kinematic links are not taken over")
         inertial = e.find("inertial")
         given = ET.Element("inertial") if inertial is None else inertial
-        self.document._check(given, "inertial")
+        self.document.check(given, "inertial")
         if given.get("auto") in ("true", "1"):
             raise Refusal(given, "give mass and inertia as numbers; auto takes them from shapes")
         xx, yy, zz = (_numbers(given, f"inertia/i{k}", "1", 1)[0] for k in ("xx", "yy", "zz"))
@@ -119,7 +120,7 @@ class _Model:
         return Link(name, _numbers(given, "mass", "1", 1)[0], J, C, np.zeros(3), np.zeros(3))
 
     def _joint(self, e: ET.Element) -> Connection:
-        self.document._check(e, "joint")
+        self.document.check(e, "joint")
         if e.get("type") not in KINDS:
             raise Refusal(e, f"type must be one of {', '.join(KINDS)} (got {e.get('type')})")
         kind, place = KINDS[e.get("type", "")], self.frame(e)
@@ -134,7 +135,7 @@ class _Model:
             dynamics = axis.find("dynamics")
             values = {} if dynamics is None else {k: _numbers(dynamics, k, "0", 1)[0] for k in (*spring, "friction")}
             if dynamics is not None:
-                self.document._check(dynamics, "dynamics")
+                self.document.check(dynamics, "dynamics")
             limits = [_numbers(axis, f"limit/{k}", "inf", 1)[0] for k in ("lower", "upper")]
             self.document.omitted["limits"] += any(abs(x) < FAR for x in limits)
             self.document.omitted["dry friction"] += values.pop("friction", 0.0) != 0.0
@@ -152,7 +153,7 @@ class _Model:
         axis = e.find(tag)
         if axis is None:
             return np.array([0.0, 0.0, 1.0])
-        self.document._check(axis, "axis")
+        self.document.check(axis, "axis")
         xyz, way = axis.find("xyz"), np.array(_numbers(axis, "xyz", "0 0 1", 3))
         expressed = "" if xyz is None else xyz.get("expressed_in", "")
         if _text(axis, "use_parent_model_frame", "false") in ("true", "1"):

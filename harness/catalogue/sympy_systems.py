@@ -18,7 +18,7 @@ from ..mechanics.dynamics import accelerations
 from ..mechanics.state import State
 from ..mechanics.system import RigidBody, assemble
 from ..types import Problem
-from .mechanism import T_END
+from .mechanism import NEAR, T_END
 from .recognition import Sample, find_forces, find_joints
 
 SAME = 1e-10  # of the largest: accelerations
@@ -208,6 +208,8 @@ class _Equations:
 
     def samples(self, start: Float[np.ndarray, " nq"]) -> list[Sample]:
         """The start, closed, and random states about it."""
+        from scipy.linalg import null_space
+
         random, out = np.random.default_rng(0), list[Sample]()
         for reach in (0.0, *np.geomspace(REACH, 0.1 * REACH, 4 * STATES)):  # shorter, where a loop does not go so far
             q = self._closed(start + reach * random.standard_normal(len(start)))
@@ -216,8 +218,7 @@ class _Equations:
                     raise ValueError("no pose near the start satisfies its configuration constraints")
                 continue
             C = self._at("allowed", q)
-            size, rows = np.linalg.svd(C)[1:] if len(C) else (np.zeros(0), np.eye(len(self.u)))
-            free = rows[int(np.sum(size > 1e-9 * np.max(size, initial=0.0))) :].T
+            free = null_space(C, rcond=NEAR) if len(C) else np.eye(len(self.u))
             out.append(self._sample(q, free @ random.standard_normal(free.shape[1]), free))
             if len(out) == STATES:
                 break
