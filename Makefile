@@ -72,7 +72,7 @@ $(ENGINES): requirements-engines.lock $(READY)
 engines: $(ENGINES) ## install other people's engines (requirements-engines.lock)
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
-	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/races
+	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue tests/harness/foreign
 
 $(DOCS): requirements-docs.lock $(READY)
 	$(call moving,$(PIP) -r requirements-docs.lock,installing requirements-docs.lock)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .harness.catalogue.registry import make_problem as make_problem
     from .harness.catalogue.registry import problem as problem
     from .harness.catalogue.registry import solver as solver
+    from .harness.catalogue.sympy_systems import read_sympy as read_sympy
     from .harness.mechanics import so3 as so3
     from .harness.mechanics.dynamics import Equations as Equations
     from .harness.mechanics.dynamics import Rates as Rates
@@ -61,6 +62,7 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "catalogue.functions": ("rhs", "step"),
     "catalogue.options": ("Parameter", "option"),
     "catalogue.registry": ("make_problem", "problem", "solver"),
+    "catalogue.sympy_systems": ("read_sympy",),
     "mechanics": ("so3",),
     "mechanics.dynamics": ("Equations", "Rates", "equations", "moved"),
     "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),

@@ -32,7 +32,7 @@ def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems
 
 def add_problem(p: argparse.ArgumentParser) -> None:
     """The argument PROBLEM, and the options --problem-set and --t-end."""
-    words = "name of a problem (see mbsbench list), or an MJCF or URDF file (docs/your-own-problem.md)"
+    words = "name of a problem (see mbsbench list), or an MJCF, URDF, SDFormat or USD file (docs/your-own-problem.md)"
     p.add_argument("problem", metavar="PROBLEM", help=words)
     add_set(p, "--problem-set", "problem parameter")
     p.add_argument("--t-end", type=positive_float, metavar="T", help="simulated time [s]")

@@ -13,7 +13,8 @@ are possible is an error.
 """
 
 import importlib.metadata
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -52,12 +53,40 @@ class Omitted(StrEnum):
 
 
 @dataclass(frozen=True)
-class Mechanism:
-    """A compiled file: bodies here are groups of MuJoCo's that no joint parts."""
+class Mechanism(ABC):
+    """A file that has been read; its problem is made of it with parameters."""
 
     name: str
     path: Path
     sha256: str  # of the file and those it includes
+
+    @property
+    @abstractmethod
+    def doc(self) -> str:
+        """Which file was read by what, and what was not taken over."""
+
+    @abstractmethod
+    def parameters(self) -> dict[str, tuple[Any, Parameter]]:
+        """Parameters of its start, beside those of all problems."""
+
+    @abstractmethod
+    def problem(self, **given: Any) -> Problem:
+        """The problem, its start closed."""
+
+    @abstractmethod
+    def system(self) -> MultibodySystem:
+        """Its system, or ValueError where a joint is not taken over."""
+
+    def _describe(self, reader: str, omitted: Mapping[Any, int]) -> str:
+        said = ", ".join(f"{what} ({n})" for what, n in omitted.items())
+        read = f"{self.path.name} (sha256 {self.sha256}), read by {reader}"
+        return f"{read}; not taken over: {said}" if said else read
+
+
+@dataclass(frozen=True)
+class CompiledMechanism(Mechanism):
+    """A file that MuJoCo has compiled: bodies here are groups of MuJoCo's that no joint parts."""
+
     mj: Any
     model: Any
     omitted: dict[Omitted, int]
@@ -74,10 +103,7 @@ class Mechanism:
     @property
     def doc(self) -> str:
         """What was read and what was not."""
-        version = importlib.metadata.version("mujoco")
-        said = ", ".join(f"{what} ({n})" for what, n in self.omitted.items())
-        read = f"{self.path.name} (sha256 {self.sha256}), read by MuJoCo {version}"
-        return f"{read}; not taken over: {said}" if said else read
+        return self._describe(f"MuJoCo {importlib.metadata.version('mujoco')}", self.omitted)
 
     def parameters(self) -> dict[str, tuple[Any, Parameter]]:
         """Where it starts: MuJoCo's coordinates, or a keyframe."""

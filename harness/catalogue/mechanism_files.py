@@ -1,6 +1,7 @@
-"""Files of mechanisms, MJCF and URDF: MuJoCo's own parser and compiler read them (extra ``engines``).
+"""Files of mechanisms: MuJoCo's own parser and compiler read MJCF and URDF (extra ``engines``).
 
-Looks are left out before the compiler sees them, so that the files of meshes need not be there.
+Looks are left out before the compiler sees them, so that the files of meshes need not be there. SDFormat and USD have
+readers of their own (modules ``sdformat`` and ``usd``).
 """
 
 import hashlib
@@ -13,9 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from .mechanism import NO_INERTIA, Mechanism, Omitted, straight_spring, taken
+from . import sdformat, usd
+from .links import LinkMechanism
+from .mechanism import NO_INERTIA, CompiledMechanism, Mechanism, Omitted, straight_spring, taken
 
-SUFFIXES = (".xml", ".mjcf", ".urdf")
+COMPILED, SDFORMAT, USD = (".xml", ".mjcf", ".urdf"), (".sdf", ".world"), (".usd", ".usda", ".usdc", ".usdz")
+SUFFIXES = (*COMPILED, *SDFORMAT, *USD)
 
 
 def is_mechanism(name: str) -> bool:
@@ -30,8 +34,10 @@ def name_of(path: str | Path) -> str:
 
 def files(path: Path) -> tuple[Path, ...]:
     """The file and those that it includes: all that a motion depends on (inertias of meshes are refused)."""
+    if path.suffix.lower() in USD:
+        return usd.layers(path)
     found = [path]
-    for here in found:
+    for here in found if path.suffix.lower() in COMPILED else ():
         parts = ET.parse(here).iter("include")
         found += [p for e in parts if (p := path.parent / e.get("file", "")) not in found]
     return tuple(found)
@@ -41,6 +47,21 @@ def read(path: Path) -> Mechanism:
     """The file, or ValueError in one line."""
     if not path.is_file():
         raise ValueError("there is no such file")
+    suffix = path.suffix.lower()
+    out = _compiled(path) if suffix in COMPILED else _linked(path, sdformat if suffix in SDFORMAT else usd)
+    out.system()  # refuses joints and loops that are not taken over
+    return out
+
+
+def _linked(path: Path, reader: Any) -> LinkMechanism:
+    found = reader.Document(path)
+    if not found.links:
+        raise ValueError("nothing in it can move: no body is free or has a joint")
+    return LinkMechanism(name_of(path), path, _digest(path), found.reader, found.links, found.joints, found.gravity,
+                         found.dt, {what: n for what, n in found.omitted.items() if n})  # fmt: skip
+
+
+def _compiled(path: Path) -> CompiledMechanism:
     try:
         mj = importlib.import_module("mujoco")
     except ImportError:
@@ -58,10 +79,12 @@ def read(path: Path) -> Mechanism:
         raise ValueError(" ".join(str(error).split())) from None
     if not set(model.body_weldid) - {0}:
         raise ValueError("nothing in it can move: no body has a joint")
-    digest = hashlib.sha256(b"\0".join(p.read_bytes() for p in files(path))).hexdigest()[:12]
-    out = Mechanism(name_of(path), path, digest, mj, model, {what: n for what, n in _omitted(mj, model).items() if n})
-    out.system()  # refuses joints and loops that are not taken over
-    return out
+    omitted = {what: n for what, n in _omitted(mj, model).items() if n}
+    return CompiledMechanism(name_of(path), path, _digest(path), mj, model, omitted)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(b"\0".join(p.read_bytes() for p in files(path))).hexdigest()[:12]
 
 
 def _without_looks(mj: Any, spec: Any) -> None:

@@ -26,6 +26,7 @@ from ..results.series import write_series
 from ..results.words import LAWS
 from ..suites.spec import RunSpec
 from ..types import Law, Problem, Status, StepControl, Trajectory
+from . import fmu
 from .checks import check_motion, check_times
 from .columns import Quantities, find_quantities
 from .conventions import TIMES, Reading
@@ -53,9 +54,10 @@ def list_tables(path: Path) -> list[Path]:
     """The file, or all tables in a folder."""
     if not path.is_dir():
         return [path]
-    found = sorted(p for p in path.iterdir() if p.suffix.lower() in READERS and not p.name.startswith("."))
+    known = (*READERS, fmu.SUFFIX)
+    found = sorted(p for p in path.iterdir() if p.suffix.lower() in known and not p.name.startswith("."))
     if not found:
-        raise FileError(f"{path} holds no file that ends in {', '.join(READERS)}")
+        raise FileError(f"{path} holds no file that ends in {', '.join(known)}")
     return found
 
 
@@ -107,7 +109,11 @@ def _read_file(problem: Problem, path: Path, given: FileSettings) -> tuple[Table
     renamed = {
         theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in given.columns if "=" in c)
     }
-    table = read_table(path, positional, renamed)
+    if path.suffix.lower() == fmu.SUFFIX:
+        asked = None if given.control is None else given.control.dt
+        table = fmu.run_fmu(path, problem.t_end, asked, problem.dt, renamed)
+    else:
+        table = read_table(path, positional, renamed)
     found = find_quantities(table, problem.system.body_names, renamed)
     check_times(found, TIMES[given.reading.time], path)
     motion = read_motion(found, given.reading)

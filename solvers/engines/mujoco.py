@@ -22,7 +22,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ...harness.catalogue import registry
-from ...harness.catalogue.mechanism import Mechanism
+from ...harness.catalogue.mechanism import CompiledMechanism
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.state import State
@@ -219,7 +219,7 @@ def _file_of(problem: Problem) -> Any:
     """MuJoCo's compiled model of the file that the problem was read from, or None."""
     entry = registry.problems().get(problem.name)
     made_by_file = getattr(getattr(entry, "make", None), "__self__", None)
-    return made_by_file.model if isinstance(made_by_file, Mechanism) else None
+    return made_by_file.model if isinstance(made_by_file, CompiledMechanism) else None
 
 
 def _not_as_in_file(problem: Problem, control: StepControl) -> str | None:

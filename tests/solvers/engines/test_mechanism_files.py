@@ -13,7 +13,7 @@ import pytest
 from mbsbench import JointKind, States, StepControl, load, make_problem
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import mechanism_files, plugins, registry
-from mbsbench.harness.catalogue.mechanism import Mechanism, Omitted
+from mbsbench.harness.catalogue.mechanism import CompiledMechanism, Omitted
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.results.environment import ROOT, code_digest
@@ -96,7 +96,7 @@ def written(folder: Path, text: str, name: str = "") -> Path:
     return path
 
 
-def theirs(m: Mechanism, qpos, qvel) -> EngineModel:
+def theirs(m: CompiledMechanism, qpos, qvel) -> EngineModel:
     """MuJoCo's own matrices at a state, with its Jacobians of our bodies' centres of mass."""
     mj, model, data = m.mj, m.model, m.mj.MjData(m.model)
     model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONTACT
@@ -125,7 +125,7 @@ def theirs(m: Mechanism, qpos, qvel) -> EngineModel:
     return EngineModel(np.concatenate(T), M, still.qfrc_smooth, kinetic, potential, np.array(bias), data.qfrc_smooth, G)
 
 
-def moving(m: Mechanism):
+def moving(m: CompiledMechanism):
     """Coordinates off the reference (of a tree), and velocities that keep loops closed."""
     mj, model, random = m.mj, m.model, np.random.default_rng(1)
     qpos, qvel = np.array(model.qpos0), random.standard_normal(model.nv)
@@ -175,7 +175,7 @@ def test_our_own_problems_come_back(make):
     """Handed to MuJoCo and read from its compiled model (XML has six digits): loops, springs, revolute joints."""
     made, mj = make(), engine.package("mujoco")
     tree = spanning_tree(made.system, made.initial)
-    m = Mechanism("again", Path(), "", mj, engine._spec(mj, engine.MuJoCo(), made, tree, 1e-3).compile(), {})
+    m = CompiledMechanism("again", Path(), "", mj, engine._spec(mj, engine.MuJoCo(), made, tree, 1e-3).compile(), {})
     again = m.problem(qpos=tuple(tree.start), qvel=tuple(tree.start_velocity))
     order = [int(name.split()[1]) for name in again.system.body_names]
     assert np.allclose(again.initial.v, made.initial.v[order], atol=1e-12)

@@ -1,0 +1,252 @@
+"""A system of ``sympy.physics.mechanics`` as a problem: KanesMethod, LagrangesMethod or System, with numbers.
+
+Bodies and their poses are read from it; joints and forces are recognised from the motions that its equations give
+(module ``recognition``). The result is checked: its accelerations are those of the equations in random states.
+"""
+
+import importlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.consistency import project
+from ..mechanics.dynamics import accelerations
+from ..mechanics.state import State
+from ..mechanics.system import RigidBody, assemble
+from ..types import Problem
+from .mechanism import NEAR, T_END
+from .recognition import Sample, find_forces, find_joints
+
+SAME = 1e-10  # of the largest: accelerations
+STATES = 24  # in which poses are compared
+CLOSED = 1e-13  # of configuration constraints
+REACH = 0.3  # of random coordinates from the start [m or rad]
+
+
+def read_sympy(
+    method: Any, values: Mapping[Any, Any], start: Mapping[Any, float], *, t_end: float = T_END, dt: float = 1e-3,
+    name: str = "sympy", bodies: Sequence[Any] = (), origin: Any = None,
+) -> Problem:  # fmt: skip
+    """The problem of a KanesMethod, LagrangesMethod or System, or ValueError.
+
+    ``values`` gives numbers for its symbols, ``start`` for its coordinates and, where they are not 0, its speeds.
+    A LagrangesMethod also needs its ``bodies``; ``origin`` is a point at rest, if no mass has a position to one.
+    """
+    e = _Equations(method, dict(values), tuple(bodies), origin)
+    known = [*e.q, *e.u]
+    for symbol in start:
+        if symbol not in known:
+            raise ValueError(f"start: {symbol} is not one of {', '.join(map(str, known))}")
+    if lacking := [str(c) for c in e.q if c not in start]:
+        raise ValueError(f"start lacks {', '.join(lacking)}")
+    q, u = (np.array([float(start.get(c, 0.0)) for c in some]) for some in (e.q, e.u))
+    samples = e.samples(q)
+    joints, known_joints = find_joints(e.bodies, samples)
+    forces = find_forces(e.bodies, known_joints, samples)
+    system = assemble(e.bodies, joints, forces.gravity, forces.springs, torsions=forces.torsions)
+    for one in samples[:4]:
+        rates = accelerations(system, one.state)
+        off = np.abs(np.hstack((rates.v_dot, rates.Omega_dot)) - one.acceleration)
+        if np.max(off) > SAME * (1.0 + np.max(np.abs(one.acceleration))):
+            body = e.bodies[int(np.argmax(np.max(off, axis=1)))].name
+            raise ValueError(f"the acceleration of body {body!r} is off that of the equations by {np.max(off):.2g}")
+    state = e.state(q, u)
+    initial = project(system, state) if len(e.closing) else state
+    kind, version = type(method).__name__, importlib.import_module("sympy").__version__
+    return Problem(name, system, initial, t_end, dt, "", f"{kind} of SymPy {version}, joints and forces recognised")
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """The equations in numbers: coordinates q and speeds u as they have them."""
+
+    given: Any
+    values: dict[Any, Any]
+    own_bodies: tuple[Any, ...]
+    point: Any
+
+    @cached_property
+    def method(self) -> Any:
+        """The equations that a System has made, or makes now."""
+        kind = type(self.given).__name__
+        if kind not in ("System", "KanesMethod", "LagrangesMethod"):
+            raise ValueError(f"expected a KanesMethod, a LagrangesMethod or a System of SymPy (got {kind})")
+        if kind != "System":
+            return self.given
+        if self.given.eom_method is None:
+            self.given.form_eoms()
+        return self.given.eom_method
+
+    @cached_property
+    def sm(self) -> tuple[Any, Any]:
+        return importlib.import_module("sympy"), importlib.import_module("sympy.physics.mechanics")
+
+    @cached_property
+    def q(self) -> list[Any]:
+        return list(self.method.q)
+
+    @cached_property
+    def u(self) -> list[Any]:
+        return list(self.method.u)
+
+    @property
+    def is_lagrange(self) -> bool:
+        return hasattr(self.method, "coneqs")
+
+    @cached_property
+    def closing(self) -> Any:
+        """Constraints of coordinates."""
+        found = self.method._hol_coneqs if self.is_lagrange else self.method._f_h
+        return self.sm[0].Matrix(list(found))
+
+    @cached_property
+    def parts(self) -> tuple[Any, ...]:
+        """Bodies and particles of SymPy."""
+        found = self.own_bodies or tuple(getattr(self.given, "bodies", None) or ())
+        if not found:
+            raise ValueError("its bodies are not known: give bodies=[...], its RigidBody and Particle objects")
+        return tuple(b for b in found if getattr(b, "frame", None) != self.frame)  # the newtonian body is the ground
+
+    @cached_property
+    def frame(self) -> Any:
+        """The frame at rest."""
+        for holder, slot in ((self.given, "frame"), (self.method, "_inertial"), (self.method, "inertial")):
+            if (found := getattr(holder, slot, None)) is not None:
+                return found
+        raise ValueError("its frame at rest is not known: LagrangesMethod(..., frame=N)")
+
+    @cached_property
+    def bodies(self) -> list[RigidBody]:
+        """Masses, and inertias about C in the frames of the bodies."""
+        out = []
+        for b in self.parts:
+            J = self.sm[0].zeros(3, 3) if self._is_point(b) else b.central_inertia.to_matrix(b.frame)
+            m, *entries = self._compiled([b.mass, *J])(*np.zeros(len(self.q) + len(self.u))).ravel()
+            out.append(RigidBody(float(m), np.array(entries, dtype=float).reshape(3, 3), str(b.name)))
+        return out
+
+    def _is_point(self, b: Any) -> bool:
+        return not hasattr(b, "central_inertia")
+
+    @cached_property
+    def origin(self) -> Any:
+        """A point at rest to which the first mass has a position."""
+        if self.point is not None:
+            return self.point
+        if (fixed := getattr(self.given, "fixed_point", None)) is not None:
+            return fixed
+        seen = [self.parts[0].masscenter if hasattr(self.parts[0], "masscenter") else self.parts[0].point]
+        for p in seen:
+            if p._vel_dict.get(self.frame) == 0:
+                return p
+            seen += [n for n in p._pos_dict if n not in seen]
+        raise ValueError(f"no point at rest has a position to the mass of {self.parts[0].name}: give origin=O")
+
+    def _compiled(self, expressions: Any) -> Any:
+        """A function of the numbers q and u; ValueError names symbols without value."""
+        sp, me = self.sm
+        names = sp.symbols(f"x:{len(self.q) + len(self.u)}", cls=sp.Dummy)
+        matrix = sp.Matrix(expressions) if not hasattr(expressions, "shape") else expressions
+        rates = {} if self.is_lagrange else self.method.kindiffdict()
+        plain = dict(zip([*self.u, *self.q], [*names[len(self.q) :], *names[: len(self.q)]], strict=True))
+        out = me.msubs(me.msubs(me.msubs(matrix, rates), self.values), plain)
+        lacking = {*out.free_symbols, *out.atoms(sp.core.function.AppliedUndef)} - {*names}
+        time = me.dynamicsymbols._t
+        if lacking := {s for s in lacking if s != time and s not in plain}:
+            raise ValueError(f"values lacks {', '.join(sorted(map(str, lacking)))}")
+        if out.has(time):
+            raise ValueError("a motion or force is prescribed as a function of time: that is not taken over")
+        return sp.lambdify(names, out, "numpy", cse=True)
+
+    @cached_property
+    def _numbers(self) -> dict[str, Any]:
+        """Functions of (q, u): poses, their rates and accelerations, equations, constraints."""
+        sp, me = self.sm
+        t = me.dynamicsymbols._t
+        x: list[Any] = []
+        for b in self.parts:
+            point = b.point if self._is_point(b) else b.masscenter
+            x += [*point.pos_from(self.origin).to_matrix(self.frame)]
+            x += [*(sp.eye(3) if self._is_point(b) else self.frame.dcm(b.frame))]
+        poses, q = sp.Matrix(x), sp.Matrix(self.q)
+        rates = {} if self.is_lagrange else self.method.kindiffdict()
+        q_dot = sp.Matrix([me.msubs(c.diff(t), rates) for c in self.q])
+        w = sp.Matrix(sp.symbols(f"w:{len(self.q)}", cls=sp.Dummy))
+        slope, u = poses.jacobian(q), sp.Matrix(self.u)
+        turning = me.msubs((slope * w).jacobian(q) * w, dict(zip(w, q_dot, strict=True)))
+        m = self.method
+        restricted = sp.Matrix([*(m.coneqs if self.is_lagrange else m._k_nh * u + m._f_nh if len(m._k_nh) else [])])
+        closing = self.closing
+        made = {
+            "poses": poses, "slope": slope, "turning": turning, "q_dot": q_dot,
+            "bent": q_dot.jacobian(q) * q_dot, "along": q_dot.jacobian(u),
+            "mass": m.mass_matrix_full, "force": m.forcing_full,
+            "closing": closing, "opening": closing.jacobian(q) if len(closing) else sp.zeros(0, len(self.q)),
+            "allowed": restricted.jacobian(u) if len(restricted) else sp.zeros(0, len(self.u)),
+        }  # fmt: skip
+        return {k: self._compiled(v) for k, v in made.items() if v.shape[0]}
+
+    def _at(self, name: str, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
+        found = self._numbers.get(name)
+        u = np.zeros(len(self.u)) if u is None else u
+        return np.zeros((0, len(q))) if found is None else np.array(found(*q, *u), dtype=float)
+
+    def _velocities(self, q: np.ndarray, q_dot: np.ndarray) -> tuple[np.ndarray, ...]:
+        """R, v, Omega and R_dot at rates of coordinates."""
+        x, x_dot = (a.reshape(-1, 12) for a in (self._at("poses", q), self._at("slope", q) @ q_dot))
+        R, R_dot = (a[:, 3:].reshape(-1, 3, 3) for a in (x, x_dot))
+        return R, x_dot[:, :3], _vee(np.swapaxes(R, 1, 2) @ R_dot), R_dot
+
+    def state(self, q: np.ndarray, u: np.ndarray) -> State:
+        """Poses and velocities."""
+        R, v, Omega, _ = self._velocities(q, self._at("q_dot", q, u).ravel())
+        return State(self._at("poses", q).reshape(-1, 12)[:, :3], R, v, Omega)
+
+    def samples(self, start: Float[np.ndarray, " nq"]) -> list[Sample]:
+        """The start, closed, and random states about it."""
+        from scipy.linalg import null_space
+
+        random, out = np.random.default_rng(0), list[Sample]()
+        for reach in (0.0, *np.geomspace(REACH, 0.1 * REACH, 4 * STATES)):  # shorter, where a loop does not go so far
+            q = self._closed(start + reach * random.standard_normal(len(start)))
+            if np.max(np.abs(self._at("closing", q)), initial=0.0) > CLOSED:
+                if not out:
+                    raise ValueError("no pose near the start satisfies its configuration constraints")
+                continue
+            C = self._at("allowed", q)
+            free = null_space(C, rcond=NEAR) if len(C) else np.eye(len(self.u))
+            out.append(self._sample(q, free @ random.standard_normal(free.shape[1]), free))
+            if len(out) == STATES:
+                break
+        return out
+
+    def _sample(self, q: np.ndarray, u: np.ndarray, free: np.ndarray) -> Sample:
+        nq, state = len(q), self.state(q, u)
+        full = np.linalg.solve(self._at("mass", q, u), self._at("force", q, u).ravel())
+        q_dot = self._at("q_dot", q, u).ravel()
+        q_ddot = self._at("bent", q, u).ravel() + self._at("along", q, u) @ full[nq : nq + len(u)]
+        x_ddot = (self._at("turning", q, u).ravel() + self._at("slope", q) @ q_ddot).reshape(-1, 12)
+        R, _, _, R_dot = self._velocities(q, q_dot)
+        R_ddot = x_ddot[:, 3:].reshape(-1, 3, 3)
+        spin = _vee(np.swapaxes(R, 1, 2) @ R_ddot + np.swapaxes(R_dot, 1, 2) @ R_dot)
+        twists = []
+        for column in (self._at("along", q) @ free).T:
+            _, v, Omega, _ = self._velocities(q, column)
+            twists.append(np.hstack((v, Omega)).ravel())
+        return Sample(state, np.array(twists).reshape(-1, 6 * len(self.parts)).T, np.hstack((x_ddot[:, :3], spin)))
+
+    def _closed(self, q: np.ndarray) -> np.ndarray:
+        for _ in range(50):
+            gap = self._at("closing", q).ravel()
+            if np.max(np.abs(gap), initial=0.0) < 0.1 * CLOSED:
+                break
+            q = q - np.linalg.lstsq(self._at("opening", q), gap, rcond=None)[0]
+        return q
+
+
+def _vee(W: Float[np.ndarray, "nb 3 3"]) -> Float[np.ndarray, "nb 3"]:
+    return 0.5 * np.stack((W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]), axis=1)

@@ -1,0 +1,224 @@
+"""USD Physics as links and joints, read by Pixar's own library: units of the stage become SI, axes stay those of space.
+
+Joints that an articulation excludes are rows like all others. Shapes, limits and materials are left out; prims that
+would change which motions are possible are an error that names them.
+"""
+
+import importlib
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..mechanics.joints import JointKind
+from ..mechanics.system import GROUND
+from .links import Connection, Frame, Link
+
+SHEAR = 1e-5  # of a transform: beyond the rounding of float32
+COUPLES = re.compile(r"Joint|Mimic|Tendon|Gear|Equality")  # in names of schemas that restrict motions
+KINDS = {
+    "PhysicsRevoluteJoint": JointKind.REVOLUTE, "PhysicsPrismaticJoint": JointKind.PRISMATIC,
+    "PhysicsSphericalJoint": JointKind.SPHERICAL, "PhysicsFixedJoint": JointKind.FIXED,
+    "PhysicsDistanceJoint": JointKind.DISTANCE,
+}  # fmt: skip
+KNOWN = (*KINDS, "PhysicsJoint")
+DRIVES = {JointKind.REVOLUTE: "angular", JointKind.PRISMATIC: "linear"}
+FREE: dict[tuple[str, ...], tuple[JointKind, str]] = {  # by what limits of a PhysicsJoint do not lock, with the axis
+    **{(f"rot{a}",): (JointKind.REVOLUTE, a) for a in "XYZ"},
+    **{(f"trans{a}",): (JointKind.PRISMATIC, a) for a in "XYZ"},
+    **{(f"trans{a}", f"rot{a}"): (JointKind.CYLINDRICAL, a) for a in "XYZ"},
+    (): (JointKind.FIXED, "X"), ("rotX", "rotY", "rotZ"): (JointKind.SPHERICAL, "X"),
+}  # fmt: skip
+WAYS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+LIMITED = ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint")
+GRAVITY, STEP = 9.81, 1e-3  # where the stage says nothing
+
+
+class Refusal(ValueError):
+    """A prim that is not taken over."""
+
+    def __init__(self, prim: Any, words: str) -> None:
+        super().__init__(f"{prim.GetPath()}: {words}")
+
+
+def layers(path: Path) -> tuple[Path, ...]:
+    """The file and those that it is composed of."""
+    stage = _open(path)
+    found = (Path(layer.realPath) for layer in stage.GetUsedLayers() if layer.realPath)
+    return tuple(dict.fromkeys((path, *(p for p in found if p.is_file() and not p.samefile(path)))))
+
+
+class Document:
+    """Links, joints, gravity and step of a stage."""
+
+    def __init__(self, path: Path) -> None:
+        self.usd, self.geom, self.physics = _library()
+        stage = _open(path)
+        self.metre = float(self.geom.GetStageMetersPerUnit(stage))
+        self.kilogram = float(self.physics.GetStageKilogramsPerUnit(stage))
+        self.reader, self.dt = f"usd-core {'.'.join(map(str, self.usd.GetVersion()[1:]))}", STEP
+        self.omitted: Counter[str] = Counter()
+        self._places = self.geom.XformCache()
+        prims = list(stage.Traverse(self.usd.TraverseInstanceProxies()))
+        up = np.eye(3)["XYZ".index(self.geom.GetStageUpAxis(stage))]
+        self.gravity = -GRAVITY * up
+        for prim in (p for p in prims if p.IsA(self.physics.Scene)):
+            self.gravity = self._gravity(self.physics.Scene(prim), up)
+        self.number = {p.GetPath(): k for k, p in enumerate(filter(self._is_body, prims))}
+        self.links = [self._link(p) for p in prims if p.GetPath() in self.number]
+        self.joints = [c for p in prims for c in self._joint(p)]
+        self.omitted["collision shapes"] = sum(p.HasAPI(self.physics.CollisionAPI) for p in prims)
+
+    def _gravity(self, scene: Any, up: np.ndarray) -> np.ndarray:
+        way, size = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float), scene.GetGravityMagnitudeAttr().Get()
+        way = way / np.linalg.norm(way) if np.any(way) else -up
+        out: np.ndarray = way * (GRAVITY if size < 0.0 else self.metre * size)
+        return out
+
+    def _is_body(self, prim: Any) -> bool:
+        if not prim.HasAPI(self.physics.RigidBodyAPI):
+            return False
+        body = self.physics.RigidBodyAPI(prim)
+        if body.GetKinematicEnabledAttr().Get():
+            raise Refusal(prim, "kinematic bodies are not taken over")
+        return bool(body.GetRigidBodyEnabledAttr().Get())
+
+    def _link(self, prim: Any) -> Link:
+        mass = self.physics.MassAPI(prim)
+        m, moments = mass.GetMassAttr().Get() or 0.0, np.array(mass.GetDiagonalInertiaAttr().Get() or (0.0,) * 3)
+        if not m > 0.0 or not np.any(moments):
+            raise Refusal(prim, "give physics:mass and physics:diagonalInertia; they are not computed from shapes")
+        centre = np.array(mass.GetCenterOfMassAttr().Get(), dtype=float)
+        if not np.all(np.isfinite(centre)):
+            if any(p.HasAPI(self.physics.CollisionAPI) for p in self.usd.PrimRange(prim)):
+                raise Refusal(prim, "give physics:centerOfMass; it is not computed from shapes")
+            centre = np.zeros(3)
+        if prim.GetAttribute("physxRigidBody:disableGravity").Get():
+            raise Refusal(prim, "gravity cannot be switched off for a body")
+        body, outside = self.physics.RigidBodyAPI(prim), self._frame(prim.GetParent(), np.zeros(3)).R
+        C = self._frame(prim, centre, mass.GetPrincipalAxesAttr().Get())
+        rates = (body.GetVelocityAttr(), body.GetAngularVelocityAttr())
+        v, omega = (outside @ np.array(a.Get(), dtype=float) for a in rates)
+        unit = self.kilogram * self.metre**2
+        return Link(str(prim.GetPath()), self.kilogram * m, unit * np.diag(moments.astype(float)), C, self.metre * v,
+                    np.radians(omega))  # fmt: skip
+
+    def _joint(self, prim: Any) -> Iterator[Connection]:
+        kind = str(prim.GetTypeName())
+        schemas = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
+        for odd in filter(COUPLES.search, (kind, *schemas)):
+            if odd not in KNOWN and not odd.startswith(("PhysxJointAPI", "PhysicsJointState")):
+                raise Refusal(prim, f"{odd} is not taken over; joints are {', '.join(KNOWN)}")
+        if kind not in KNOWN:
+            return
+        joint = self.physics.Joint(prim)
+        if not joint.GetJointEnabledAttr().Get():
+            self.omitted["disabled joints"] += 1
+            return
+        ends = [self._end(prim, *side) for side in (
+            (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
+            (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
+        )]  # fmt: skip
+        (child, in_child), (parent, in_parent) = ends
+        if child == parent:
+            raise Refusal(prim, "body0 and body1 are parts of one body")
+        self.omitted["breakable joints"] += any(
+            math.isfinite(a.Get()) for a in (joint.GetBreakForceAttr(), joint.GetBreakTorqueAttr())
+        )
+        sort, length, letter, drive = KINDS.get(kind), 0.0, prim.GetAttribute("physics:axis").Get() or "X", ""
+        if sort is None:
+            free = tuple(w for w in WAYS if not self._is_locked(prim, w))
+            if free == WAYS:
+                return
+            if free not in FREE:
+                raise Refusal(prim, f"a joint that leaves {', '.join(free)} free is not taken over")
+            (sort, letter), drive = FREE[free], free[0] if len(free) == 1 else ""
+        elif sort in DRIVES:
+            drive = DRIVES[sort]
+        axis = np.eye(3)["XYZ".index(letter)]
+        if sort is JointKind.DISTANCE:
+            limits = [float(prim.GetAttribute(f"physics:{k}Distance").Get()) for k in ("min", "max")]
+            if limits[0] != limits[1] or not limits[0] > 0.0:
+                raise Refusal(prim, f"min and maxDistance must be equal and > 0 (got {limits[0]:g}, {limits[1]:g})")
+            length = self.metre * limits[0]
+        elif kind in LIMITED:
+            limits = [float(prim.GetAttribute(f"physics:{k}Limit").Get()) for k in ("lower", "upper")]
+            if limits[0] >= limits[1]:
+                raise Refusal(prim, f"its limits lock it ({limits[0]:g}, {limits[1]:g}); use a PhysicsFixedJoint")
+            self.omitted["limits"] += any(map(math.isfinite, limits))
+        others = [s for s in schemas if s.startswith("PhysicsDriveAPI:") and s != f"PhysicsDriveAPI:{drive}"]
+        self.omitted["drives of joints with several axes"] += len(others)
+        stiffness, rest, damping = self._drive(prim, drive) if drive else (0.0, 0.0, 0.0)
+        yield Connection(str(prim.GetPath()), sort, child, parent, in_child, in_parent, axis, None, length, stiffness,
+                         rest, damping)  # fmt: skip
+
+    def _is_locked(self, prim: Any, way: str) -> bool:
+        """Whether a limit of a PhysicsJoint locks it; others are counted."""
+        if not prim.HasAPI(self.physics.LimitAPI, way):
+            return False
+        limit = self.physics.LimitAPI(prim, way)
+        low, high = limit.GetLowAttr().Get(), limit.GetHighAttr().Get()
+        self.omitted["limits"] += low < high and (math.isfinite(low) or math.isfinite(high))
+        return bool(low >= high)
+
+    def _drive(self, prim: Any, name: str) -> tuple[float, float, float]:
+        """Stiffness, rest and damping of a drive that holds a position."""
+        if not prim.HasAPI(self.physics.DriveAPI, name):
+            return 0.0, 0.0, 0.0
+        drive = self.physics.DriveAPI(prim, name)
+        k, c = (float(a.Get()) for a in (drive.GetStiffnessAttr(), drive.GetDampingAttr()))
+        if (k or c) and drive.GetTypeAttr().Get() != "force":
+            raise Refusal(prim, "drives must be of type force")
+        if c and drive.GetTargetVelocityAttr().Get():
+            raise Refusal(prim, "drives must have no targetVelocity")
+        self.omitted["limits of drives"] += math.isfinite(drive.GetMaxForceAttr().Get())
+        angular = name.startswith(("angular", "rot"))
+        unit = self.kilogram * (math.degrees(self.metre**2) if angular else 1.0)
+        target = float(drive.GetTargetPositionAttr().Get())
+        return unit * k, math.radians(target) if angular else self.metre * target, unit * c
+
+    def _end(self, joint: Any, body: Any, position: Any, turn: Any) -> tuple[int, Frame]:
+        """Number of a joint's body, and its frame in space as that body carries it."""
+        targets = body.GetForwardedTargets()
+        prim = joint.GetStage().GetPrimAtPath(targets[0] if targets else "/")
+        if not prim:
+            raise Refusal(joint, f"there is no {targets[0]}")
+        holder = prim
+        while holder and holder.GetPath() not in self.number:
+            holder = holder.GetParent()
+        place = self._frame(prim, np.array(position.Get(), dtype=float), turn.Get())
+        return self.number[holder.GetPath()] if holder else GROUND, place
+
+    def _frame(self, prim: Any, p: np.ndarray, turn: Any = None) -> Frame:
+        """The place in space [m] of a point and axes of a prim, whose scale counts for the point."""
+        T = np.array(self._places.GetLocalToWorldTransform(prim)).T
+        axes = T[:3, :3] / np.linalg.norm(T[:3, :3], axis=0)
+        R = Rotation.from_matrix(axes).as_matrix()
+        if np.max(np.abs(axes - R)) > SHEAR:
+            raise Refusal(prim, "its transform shears or mirrors")
+        x = np.array([0.0, 0.0, 0.0, 0.0] if turn is None else [*turn.GetImaginary(), turn.GetReal()])
+        return Frame(self.metre * (T[:3, :3] @ p + T[:3, 3]), R @ Rotation.from_quat(x).as_matrix() if np.any(x) else R)
+
+
+def _library() -> tuple[Any, Any, Any]:
+    try:
+        usd, geom, physics = (importlib.import_module(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdPhysics"))
+    except ImportError:
+        raise ValueError("usd-core reads such files and is not installed: pip install 'mbsbench[formats]'") from None
+    return usd, geom, physics
+
+
+def _open(path: Path) -> Any:
+    usd, tf = _library()[0], importlib.import_module("pxr.Tf")
+    try:
+        stage = usd.Stage.Open(str(path))
+    except tf.ErrorException as error:
+        raise ValueError(" ".join(str(error.args[0].commentary).split())) from None
+    if errors := stage.GetCompositionErrors():
+        raise ValueError(str(errors[0]))
+    return stage

@@ -1,0 +1,179 @@
+"""USD Physics becomes the system that Newton makes of it, whatever the units and the vertical of the stage."""
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbsbench import JointKind, accelerations, make_problem
+from mbsbench.harness.catalogue import mechanism_files
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("pxr") is None, reason="usd-core is an optional extra: formats"
+)
+
+TURN = {"Z": "(1, 0, 0, 0)", "Y": "(0.7071067811865476, -0.7071067811865476, 0, 0)"}  # z of the model onto the vertical
+
+
+def linkage(metre: float = 1.0, kilogram: float = 1.0, up: str = "Z", drive: str = "") -> str:
+    """A parallelogram, its loop closed outside the articulation; links of 1 m, 2 m and 1 m of 2 kg."""
+    L, J = 1.0 / metre, 1.0 / (kilogram * metre**2)
+
+    def body(name: str, x: float, z: float, v: str) -> str:
+        return f"""def Xform "{name}" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {{
+        double3 xformOp:translate = ({x * L}, 0, {z * L})
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+        float physics:mass = {2.0 / kilogram}
+        point3f physics:centerOfMass = (0, 0, {0.125 * L})
+        float3 physics:diagonalInertia = ({0.5 * J}, {0.375 * J}, {0.25 * J})
+        {v}
+        }}"""
+
+    def hinge(
+        name: str, parent: str, child: str, p0: tuple[float, float], p1: tuple[float, float], more: str = ""
+    ) -> str:
+        return f"""def PhysicsRevoluteJoint "{name}" {more if more.startswith("(") else ""} {{
+        uniform token physics:axis = "Y"
+        rel physics:body0 = </World{parent}>
+        rel physics:body1 = </World{child}>
+        point3f physics:localPos0 = ({p0[0] * L}, 0, {p0[1] * L})
+        point3f physics:localPos1 = ({p1[0] * L}, 0, {p1[1] * L})
+        {more if not more.startswith("(") else drive}
+        }}"""
+
+    turning = f"vector3f physics:angularVelocity = (0, 90, 0)\n vector3f physics:velocity = ({np.pi / 4 * L}, 0, 0)"
+    return f"""#usda 1.0
+(
+    metersPerUnit = {metre}
+    kilogramsPerUnit = {kilogram}
+    upAxis = "{up}"
+)
+def PhysicsScene "scene" {{}}
+def Xform "World" (prepend apiSchemas = ["PhysicsArticulationRootAPI"]) {{
+    quatd xformOp:orient = {TURN[up]}
+    uniform token[] xformOpOrder = ["xformOp:orient"]
+    {body("crank", 0, 0.5, turning)}
+    {body("coupler", 1, 1, "")}
+    {body("rocker", 2, 0.5, turning)}
+    {hinge("A", "", "/crank", (0, 0), (0, -0.5), '(prepend apiSchemas = ["PhysicsDriveAPI:angular"])' if drive else "")}
+    {hinge("B", "/crank", "/coupler", (0, 0.5), (-1, 0))}
+    {hinge("C", "", "/rocker", (2, 0), (0, -0.5))}
+    {hinge("D", "/coupler", "/rocker", (1, 0), (0, 0.5), "uniform bool physics:excludeFromArticulation = 1")}
+}}"""
+
+
+def written(folder: Path, text: str, name: str = "model.usda") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def test_a_loop_is_rows_like_all_others(tmp_path):
+    """Four hinges, moving as the file says: the coupler, given no velocity, is taken along."""
+    problem = make_problem(str(written(tmp_path, linkage())))
+    assert {problem.system.joint_kind(k) for k in range(4)} == {JointKind.REVOLUTE}
+    assert np.allclose(problem.system.gravity, [0.0, 0.0, -9.81])
+    assert np.ptp(problem.initial.Omega[[0, 2], 1]) < 1e-7 and abs(problem.initial.Omega[1, 1]) < 1e-7
+    assert np.all(problem.initial.v[:, 0] > 0.1)
+
+
+@pytest.mark.parametrize("drive", ["", "spring"])
+@pytest.mark.parametrize(("metre", "kilogram", "up"), [(0.01, 0.001, "Z"), (1.0, 1.0, "Y"), (0.01, 1.0, "Y")])
+def test_units_and_the_vertical_change_no_motion(tmp_path, metre, kilogram, up, drive):
+    """In cm and g as in m and kg, y up as z up: the same accelerations, in another frame."""
+    angular = 1.0 / (kilogram * metre**2)
+    texts = [
+        linkage(m, k, v, f"""float drive:angular:physics:stiffness = {4 * a}
+        float drive:angular:physics:damping = {a}
+        float drive:angular:physics:targetPosition = 10""" if drive else "")
+        for m, k, v, a in ((1.0, 1.0, "Z", 1.0), (metre, kilogram, up, angular))
+    ]  # fmt: skip
+    one, other = (
+        make_problem(str(written(tmp_path, t, f"{drive}{k}{metre}{kilogram}{up}.usda"))) for k, t in enumerate(texts)
+    )
+    Q = other.initial.R[0] @ one.initial.R[0].T
+    assert np.allclose(Q @ [0.0, 0.0, 1.0], -other.system.gravity / 9.81)
+    if drive:
+        assert np.allclose(one.system.torsion_k, 4 * 180 / np.pi) and np.allclose(
+            one.system.torsion_rest, np.radians(10)
+        )
+    for name in ("mass", "inertia", "torsion_k", "torsion_c", "torsion_rest"):
+        assert np.allclose(getattr(one.system, name), getattr(other.system, name), rtol=1e-6)
+    a, b = (accelerations(p.system, p.initial) for p in (one, other))
+    assert np.max(np.abs(a.v_dot)) > 0.1
+    assert np.allclose(a.v_dot @ Q.T, b.v_dot, atol=1e-5) and np.allclose(a.Omega_dot, b.Omega_dot, atol=1e-5)
+
+
+def test_a_joint_may_name_its_bodies_in_either_order(tmp_path):
+    """From the link to the world its coordinate has the other sign: the target changes sign, the motion does not."""
+    words = "float drive:angular:physics:stiffness = 4\nfloat drive:angular:physics:targetPosition = {}"
+    text = linkage(drive=words.format(10))
+    ends = "rel physics:body0 = </World>\n        rel physics:body1 = </World/crank>"
+    points = ["point3f physics:localPos0 = (0.0, 0, 0.0)", "point3f physics:localPos1 = (0.0, 0, -0.5)"]
+    assert ends in text and all(p in text for p in points)
+    other = text.replace(ends, "rel physics:body0 = </World/crank>", 1).replace("= 10", "= -10")
+    other = other.replace(points[0], "HERE", 1).replace(points[1], points[1].replace("localPos1", "localPos0"), 1)
+    other = other.replace("HERE", points[0].replace("localPos0", "localPos1"), 1)
+    one, two = (make_problem(str(written(tmp_path, t, f"order{k}.usda"))) for k, t in enumerate((text, other)))
+    a, b = (accelerations(p.system, p.initial).v_dot for p in (one, two))
+    assert np.max(np.abs(a)) > 1.0 and np.allclose(a, b, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [
+    "kamino/basics/box_pendulum.usda", "kamino/basics/cartpole.usda",
+    "kamino/basics/boxes_hinged.usda", "linkage",
+])  # fmt: skip
+def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
+    """Newton reads the file and makes a model of MuJoCo's, in float64: its own solvers are in float32."""
+    newton = pytest.importorskip("newton", reason="newton is compared with where it is installed")
+    from mbsbench.solvers.engines.export.model_check import SAME, differences
+
+    from ...solvers.engines.test_mechanism_files import CompiledMechanism, moving, theirs
+
+    text = linkage().replace('"scene" {}', '"scene" {\nfloat physics:gravityMagnitude = 9.75\n}')  # a float32
+    assets = Path(newton.__file__).parent / "tests" / "assets"
+    path = written(tmp_path, text) if name == "linkage" else assets / name
+    ours = mechanism_files.read(path)
+    builder = newton.ModelBuilder()
+    builder.add_usd(str(path))
+    if max(builder.joint_articulation) < 0:  # Newton wants a joint for a free body, and a root for the tree
+        for body in {*range(builder.body_count)} - {*builder.joint_child}:
+            builder.add_joint_free(child=body)
+        builder.add_articulation([*range(builder.joint_count)])
+    model = newton.solvers.SolverMuJoCo(builder.finalize(device="cpu"), use_mujoco_cpu=True).mj_model
+    m = CompiledMechanism("newton", Path(), "", pytest.importorskip("mujoco"), model, {})
+    qpos, qvel = moving(m)
+    problem = replace(ours.problem(), initial=m.state(tuple(qpos), tuple(qvel)))
+    found = differences(problem, theirs(m, qpos, qvel))
+    assert max(found.values()) < SAME, found
+
+
+@pytest.mark.parametrize(("before", "after", "words"), [
+    ('def PhysicsRevoluteJoint "B"', 'def PhysxPhysicsGearJoint "B"', "/World/B: PhysxPhysicsGearJoint is not taken"),
+    ("float physics:mass = 2.0", "float physics:mass = 0", "/World/crank: give physics:mass"),
+    ("rel physics:body0 = </World/crank>", "rel physics:body0 = </World/none>", "/World/B: there is no /World/none"),
+    ("(-1.0, 0, 0.0)", "(-1.5, 0, 0.0)", "refused.usda: joint /World/B is open at the start by 0.5"),
+    ('"PhysicsMassAPI"]', '"PhysicsMassAPI", "PhysxMimicJointAPI:rotX"]', "PhysxMimicJointAPI:rotX is not taken over"),
+    ("#usda 1.0", "#usda one", "refused.usda:1:1: Unable to parse layer version"),
+    ("upAxis", "subLayers = [@./none.usda@]\n upAxis", "Could not load sublayer"),
+])  # fmt: skip
+def test_a_refused_prim_is_named(tmp_path, before, after, words):
+    """In one line, which also has the file."""
+    text = linkage()
+    assert before in text
+    path = written(tmp_path, text.replace(before, after, 1), "refused.usda")
+    with pytest.raises(ValueError, match=r"refused") as error:
+        make_problem(str(path))
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_layers_are_part_of_the_runs_identity(tmp_path):
+    """A stage that references another file depends on both."""
+    base = written(tmp_path, linkage(), "base.usda")
+    head = "(\n subLayers = [@./base.usda@]\n metersPerUnit = 1\n)"
+    top = written(tmp_path, f"#usda 1.0\n{head}\n", "top.usda")
+    assert {p.name for p in mechanism_files.files(top)} == {base.name, top.name}
+    assert len(mechanism_files.read(top).problem().system.mass) == 3
