@@ -64,7 +64,7 @@ def wrong_title(cards: Sequence[FalseSuccess], wrong: int) -> str:
     """How many runs, and which code of others is among them, here or as published."""
     said = f"{plural(wrong, 'run')} {'says' if wrong == 1 else 'say'} success and {'is' if wrong == 1 else 'are'} wrong"
     here, elsewhere = (list(dict.fromkeys(c.code for c in cards if c.code and c.published is p)) for p in (False, True))
-    by = f", by {listed(here)} among others" if here else ""
+    by = f", {listed(here)} at some settings among them" if here else ""
     return f"{said}{by}{f'; as published, also runs of {listed(elsewhere)}' if elsewhere else ''}"
 
 
