@@ -15,8 +15,9 @@ the axis, left out where its rows depend on the others at the start.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -92,6 +93,23 @@ class Tree:
             v[:, b] = v[:, p] + _turned(R[:, p], np.cross(Omega[:, p], limb.s_parent))
             v[:, b] -= _turned(R[:, b], np.cross(Omega[:, b], limb.s_child))
         return States(r[:, :nb], R[:, :nb], v[:, :nb], Omega[:, :nb])
+
+    def plain(self, system: MultibodySystem, start: State) -> dict[str, Any]:
+        """What an engine is given, by names alone; vectors of bodies in their frames, of the ground in space."""
+        limbs = [
+            {**{f.name: getattr(limb, f.name) for f in fields(limb)}, "kind": limb.kind.name,
+             "mass": system.mass[limb.body], "inertia": system.regular_inertia[limb.body],
+             **{name: getattr(start, name)[limb.body] for name in ("r", "R", "v", "Omega")}}
+            for limb in self.limbs
+        ]  # fmt: skip
+        springs = [
+            {"i": system.spring_i[k], "p_i": system.spring_p_i[k], "j": system.spring_j[k], "p_j": system.spring_p_j[k],
+             "stiffness": system.spring_k[k], "damping": system.spring_c[k], "rest_length": system.spring_d0[k]}
+            for k in range(len(system.spring_k))
+        ]  # fmt: skip
+        cuts = [{f.name: getattr(cut, f.name) for f in fields(cut)} for cut in self.cuts]
+        return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "springs": springs,
+                "start": self.start, "start_velocity": self.start_velocity}  # fmt: skip
 
     def jacobian(self) -> Float[np.ndarray, "twists nu"]:
         """T of (r_dot, Omega) = T u at the start, by bodies: velocities are linear in u."""
