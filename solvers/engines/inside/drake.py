@@ -44,9 +44,9 @@ class Model:
         self._default, self._discrete, self.stopped = default, self._scheme in APPROXIMATIONS, ""
         try:
             self._assemble(data["dt"] or 0.0)
+            self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
         except RuntimeError as error:  # of its checks, e.g. an inertia that no body can have
-            raise ValueError(str(error)) from None
-        self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
+            raise ValueError(" ".join(str(error).split())) from None
         what = "discrete steps, approximation" if self._discrete else "integrator"
         held = "; its ball constraints are regularised" if data["cuts"] else ""
         self.notes = [f"{what} {self._scheme}{held}", f"drake {importlib.metadata.version('drake')}"]
