@@ -90,7 +90,8 @@ class Model:
                 q[:, at : at + 4], u[:, to : to + 3] = _quaternions(theirs[:, i : i + 3]), v[:, i : i + 3]
             elif kind == "FREE":
                 q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 3 : i + 6], _quaternions(theirs[:, i : i + 3])
-                u[:, to : to + 3], u[:, to + 3 : to + 6] = v[:, i + 3 : i + 6], v[:, i : i + 3]
+                u[:, to : to + 3] = v[:, i + 3 : i + 6]
+                u[:, to + 3 : to + 6] = _turned_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
             else:
                 n = joint.getNumDofs()
                 q[:, at : at + n], u[:, to : to + n] = theirs[:, i : i + n], v[:, i : i + n]
@@ -134,7 +135,7 @@ class Model:
         for joint, limb in self._joints:
             i, n, to = joint.getIndexInSkeleton(0), joint.getNumDofs(), limb["u_at"]
             if limb["kind"] == "FREE":
-                v[i : i + 6] = np.concatenate((u[to + 3 : to + 6], u[to : to + 3]))
+                v[i : i + 6] = np.concatenate((np.array(limb["R"]) @ u[to + 3 : to + 6], u[to : to + 3]))
             else:
                 v[i : i + n] = u[to : to + n]
         return v
@@ -151,3 +152,9 @@ def _quaternions(a: np.ndarray) -> np.ndarray:
     """(w, x, y, z) of the exponentials of rotation vectors."""
     angle = np.linalg.norm(a, axis=1, keepdims=True)
     return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)
+
+
+def _turned_back(q: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """R^T a of the rotations q."""
+    once = np.cross(-q[:, 1:], a)
+    return a + 2.0 * (q[:, :1] * once + np.cross(-q[:, 1:], once))
