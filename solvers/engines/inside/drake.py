@@ -31,7 +31,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 GROUND = -1
 APPROXIMATIONS = {"tamsi": "kTamsi", "sap": "kSap", "similar": "kSimilar", "lagged": "kLagged"}
-NO_STEP = 1e-9  # of a step: the least to the end
+NO_STEP = 1e-6  # of a step: no step of its own
 
 
 class Model:
@@ -94,8 +94,9 @@ class Model:
         log = self._log.FindLog(self._simulator.get_context())
         t, x = np.array(log.sample_times()) + self._since, np.array(log.data()).T
         log.Clear()
-        new = t > began + NO_STEP * (dt or self._data["t_end"])
-        if not dt and new.any() and t[-1] > self._data["t_end"] - NO_STEP * self._data["t_end"]:
+        least = NO_STEP * dt
+        new = (t > began + least) & (np.diff(t, append=np.inf) > least)  # the last step may be cut in two by rounding
+        if not dt and len(t) and np.isclose(t[-1], self._data["t_end"], rtol=1e-12):
             t[-1] = self._data["t_end"]
         if new.any():
             self._time = end if dt and not self.stopped else t[-1]

@@ -183,6 +183,15 @@ def test_loops_are_refused_where_drake_does_not_hold_them(name, options, words, 
     assert said is not None and ("differs by" in said or "does not take the model" in said)
 
 
+@needs("drake")
+@pytest.mark.parametrize("dt", [1e-3, 7e-4])
+def test_every_step_is_one_row(dt):
+    """Drake adds up its time: after thousands of steps it needs one of rounding's length to the end."""
+    t = make_solver("drake").solve(make_problem("heavy_top", {"t_end": 2.0}), StepControl(dt=dt))
+    assert t.status is Status.SUCCESS and t.counters["steps"] == np.ceil(2.0 / dt - 1e-9)
+    np.testing.assert_allclose(np.diff(t.t)[:-1], dt, rtol=1e-9)
+
+
 @needs("dart")
 def test_settings_of_one_run_are_not_those_of_the_next():
     """DART's error reduction is one number for all constraints of a process."""
