@@ -24,10 +24,6 @@ class Model:
         self._world, self._skeleton = dart.simulation.World(), dart.dynamics.Skeleton("bodies")
         self._world.setGravity(data["gravity"])
         self._world.setTimeStep(data["dt"])
-        if not default:
-            still = self._world.getDeactivationOptions()
-            still.mEnabled = False
-            self._world.setDeactivationOptions(still)
         self._bodies: dict[int, Any] = {}
         self._joints: list[tuple[Any, dict[str, Any]]] = []
         for limb in data["limbs"]:
@@ -36,14 +32,13 @@ class Model:
         self._place(np.array(data["start_velocity"]))
         solver = self._world.getConstraintSolver()
         for cut in data["cuts"]:
-            i, j = (self._bodies.get(cut[b]) for b in ("i", "j"))
+            i, j = self._bodies[cut["i"]], self._bodies.get(cut["j"])
             where = i.getWorldTransform().multiply(np.array(cut["s_i"]))
             constraint = dart.constraint.BallJointConstraint(*([i] if j is None else [i, j]), where)
             constraint.setErrorReductionParameter(OWN if default else options["error_reduction"])  # of all constraints
             solver.addConstraint(constraint)
-        self.notes = ["a loop of its steps in Python, whose overhead counts; bodies at rest fall asleep" if default
-                      else "a loop of its steps in Python, whose overhead counts",
-                      f"dartpy {importlib.metadata.version('dartpy')}"]  # fmt: skip
+        loop = "a loop of its steps in Python, whose overhead counts"
+        self.notes = [loop, f"dartpy {importlib.metadata.version('dartpy')}"]
 
     def at_start(self) -> dict[str, Any]:
         """For the model check: accelerations are those of DART's forward dynamics, without constraints."""

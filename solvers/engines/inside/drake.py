@@ -42,6 +42,7 @@ class Model:
         self._data, self._scheme, default = data, options["integrator"], options["settings"] == "default"
         if default:
             self._scheme = "runge_kutta3" if data["dt"] is None else "lagged"
+        self._since = self._time = 0.0
         self._default, self._discrete, self.stopped = default, self._scheme in APPROXIMATIONS, ""
         try:
             self._assemble(data["dt"] or 0.0)
@@ -115,7 +116,8 @@ class Model:
             approximation = getattr(DiscreteContactApproximation, APPROXIMATIONS[self._scheme])
             plant.set_discrete_contact_approximation(approximation)
         plant.mutable_gravity_field().set_gravity_vector(np.array(data["gravity"]))
-        self._bodies, self._joints = {GROUND: plant.world_body()}, []
+        self._bodies: dict[int, Any] = {GROUND: plant.world_body()}
+        self._joints: list[tuple[Any, dict[str, Any], Any]] = []
         for limb in data["limbs"]:
             self._add(plant, limb)
         for spring in data["springs"]:

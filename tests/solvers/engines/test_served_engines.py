@@ -67,7 +67,7 @@ def test_without_the_package_it_refuses_with_the_remedy(name, monkeypatch):
     monkeypatch.setitem(sys.modules, SERVED[name].package, None)
     monkeypatch.setattr(protocol, "environment_of", lambda inside: None)
     said = make_solver(name).refuses(make_problem("heavy_top"), control(name))
-    assert said == f"{SERVED[name].wheel} is not installed: pip install 'mbsbench[engines]'"
+    assert said == f"{SERVED[name].wheel} is not installed: {type(make_solver(name)).remedy}"
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
