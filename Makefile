@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 CLUSTER := $(VENV)/.ready-cluster
-ENGINES := $(VENV)/.ready-engines
+ENGINES := $(VENV)/.ready-engines $(patsubst requirements-engines-%.lock,$(VENV)/engines/%/.ready,$(wildcard requirements-engines-*.lock))
 DOCS := $(VENV)/.ready-docs
 AXE := $(VENV)/axe/package/axe.min.js
 AXE_VERSION := 4.14.1
@@ -65,11 +65,16 @@ test-python: $(READY) ## with PYTHON=python3.13 or another: try a wheel of this,
 test-slow: $(CLUSTER) ## run all tests, with those of a cluster (installs Dask)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable
 
-$(ENGINES): requirements-engines.lock $(READY)
+$(VENV)/.ready-engines: requirements-engines.lock $(READY)
 	$(call moving,$(PIP) -r requirements-engines.lock,installing requirements-engines.lock)
 	@touch $@
 
-engines: $(ENGINES) ## install other people's engines (requirements-engines.lock)
+$(VENV)/engines/%/.ready: requirements-engines-%.lock
+	test -x $(@D)/bin/python || $(PYTHON) -m venv $(@D)
+	$(call moving,$(@D)/bin/python -m pip install --quiet --disable-pip-version-check -r $<,installing $<)
+	@touch $@
+
+engines: $(ENGINES) ## install other people's engines: requirements-engines.lock here, those that clash in .venv/engines
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue tests/harness/foreign

@@ -1,4 +1,4 @@
-"""Fixed steps of an engine that loops by itself: stretches of many steps, the clock read between them."""
+"""Steps of an engine that loops by itself: stretches of many steps, the clock read between them."""
 
 from collections.abc import Callable
 
@@ -24,45 +24,56 @@ class PartialStretch(StepFailure):
 
 def march(
     problem: Problem, control: StepControl, advance: Advance, states: Callable[[np.ndarray], States], *,
-    clock: Clock, notes: tuple[str, ...], stretch: int = STRETCH,
+    clock: Clock, notes: tuple[str, ...], stretch: int = STRETCH, seconds: Callable[[], float] = cpu_seconds,
 ) -> Trajectory:  # fmt: skip
-    """Call ``advance`` until ``t_end``; CPU time is that of ``advance`` alone, set-up since ``clock`` was made."""
+    """Call ``advance`` until ``t_end``; CPU time is that of ``advance`` alone, set-up since ``clock`` was made.
+
+    Without ``control.dt`` rows begin with their times. ``seconds`` is the clock of the process that steps.
+    """
     dt, t_end = control.dt, problem.t_end
-    assert dt is not None  # the catalogue has seen to it
-    full, last = int(t_end / dt + 1e-9), int(np.ceil(t_end / dt - 1e-9))
+    full, last = (int(t_end / dt + 1e-9), int(np.ceil(t_end / dt - 1e-9))) if dt else (0, 0)
     most = max(1, stretch // problem.system.nb)
-    parts, n, cpu = [States.one(problem.initial)], 0, 0.0
+    parts, t, n, cpu = [States.one(problem.initial)], [np.zeros(1)], 0, 0.0
     status, message = Status.SUCCESS, "reached the end"
     setup, spool = clock.restart(), control.spool
     try:
-        while n < last:
+        while t[-1][-1] < t_end:
             if n >= control.max_steps:
                 raise StepFailure(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
             clock.check()
-            k, h = (min(most, full - n, control.max_steps - n), dt) if n < full else (1, t_end - n * dt)
-            before, stopped = cpu_seconds(), None
+            k, h = min(most, control.max_steps - n), 0.0
+            if dt:
+                k, h = (min(k, full - n), dt) if n < full else (1, t_end - n * dt)
+            before, stopped = seconds(), None
             try:
                 rows = advance(k, h)
             except PartialStretch as failure:
                 rows, stopped = failure.done, failure
-            cpu += cpu_seconds() - before
+            cpu += seconds() - before
             finite = np.isfinite(rows).all(axis=1)
             sound = len(rows) if finite.all() else int(np.argmin(finite))
             if sound:
-                parts.append(states(rows[:sound]))
+                if dt:
+                    t.append(
+                        np.where(np.arange(n + 1, n + sound + 1) < last, dt * np.arange(n + 1, n + sound + 1), t_end)
+                    )
+                else:
+                    t.append(rows[:sound, 0])
+                parts.append(states(rows[:sound] if dt else rows[:sound, 1:]))
                 n += sound
             if sound < len(rows):
                 raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
             if stopped is not None:
                 raise stopped
             if spool is not None and spool.due():
-                parts = [_joined(parts)]
-                spool.take(np.minimum(dt * np.arange(spool.rows, n + 1), t_end), parts[0].at(slice(spool.rows, n + 1)))
+                parts, t = [_joined(parts)], [np.concatenate(t)]
+                spool.take(t[0][spool.rows :], parts[0].at(slice(spool.rows, n + 1)))
     except StepFailure as failure:
-        status, message = failure.status, f"stopped at t = {n * dt:.6g} s: {failure.message}"
-    t = np.append(dt * np.arange(n), t_end if n == last else n * dt)
+        status, message = failure.status, f"stopped at t = {t[-1][-1]:.6g} s: {failure.message}"
     counters = {"steps": n}
-    return Trajectory(t, _joined(parts), status, message, counters, notes=notes, cpu_time=cpu, setup_time=setup)
+    return Trajectory(
+        np.concatenate(t), _joined(parts), status, message, counters, notes=notes, cpu_time=cpu, setup_time=setup
+    )
 
 
 def _joined(parts: list[States]) -> States:

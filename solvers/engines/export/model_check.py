@@ -64,13 +64,13 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     }
 
 
-def model_refusal(engine: str, problem: Problem, model: EngineModel) -> str | None:
-    """Why a race with this model would be one with another problem, or None."""
+def model_refusal(engine: str, problem: Problem, model: EngineModel, same: float = SAME) -> str | None:
+    """Why a race with this model would be one with another problem, or None; ``same`` is more in single precision."""
     found = differences(problem, model)
     worst = max(found, key=lambda k: found[k] if np.isfinite(found[k]) else np.inf)
-    if found[worst] <= SAME:
+    if found[worst] <= same:
         return None
-    words = f"its {worst} differs by {found[worst]:.3g} of the largest entry (allowed {SAME:g})"
+    words = f"its {worst} differs by {found[worst]:.3g} of the largest entry (allowed {same:g})"
     return f"the model made for {engine} is not that of {problem.name}: {words}"
 
 

@@ -1,0 +1,104 @@
+"""An engine's model in a process of its own, in the environment ``sys.prefix/engines/NAME`` (``make engines``).
+
+A question is a line of JSON to ``inside/serve.py``, the answer another one, followed by rows as bytes. The process
+stays for the next model, inherits all limits, states its CPU time with every answer and ends with this process. What it
+writes to standard error is the reason when it dies.
+"""
+
+import atexit
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....harness.types import Status
+from ...formulations.recording import StepFailure
+
+INSIDE = Path(__file__).parent.parent / "inside"
+ENVIRONMENTS = Path(sys.prefix) / "engines"
+PATIENCE = 5.0  # [s] for a process to end once its pipe is closed
+
+
+def environment_of(inside: str) -> Path | None:
+    """The Python of an engine's own environment, or None where there is none."""
+    python = ENVIRONMENTS / inside / "bin" / "python"
+    return python if python.exists() else None
+
+
+class Process:
+    """An engine's process."""
+
+    def __init__(self, inside: str, python: Path) -> None:
+        self.stepping = self.cpu = 0.0  # [s] so far
+        self._name, self._errors = inside, tempfile.TemporaryFile()  # noqa: SIM115
+        command = [str(python), "-I", str(INSIDE / "serve.py"), str(INSIDE / f"{inside}.py")]
+        pipe = subprocess.PIPE
+        self._child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors)
+        atexit.register(self.close)
+
+    def ask(self, do: str, **about: Any) -> tuple[dict[str, Any], np.ndarray]:
+        """The answer, and its rows; ValueError with what the engine refuses, StepFailure where it died."""
+        to, back = self._child.stdin, self._child.stdout
+        assert to is not None and back is not None
+        try:
+            to.write(json.dumps({"do": do, **about}).encode() + b"\n")
+            to.flush()
+        except BrokenPipeError:
+            raise self._failure() from None
+        line = back.readline()
+        if not line.endswith(b"\n"):
+            raise self._failure()
+        found = json.loads(line)
+        shape = found.pop("shape", (0, 0))
+        rows = back.read(8 * shape[0] * shape[1])
+        if len(rows) < 8 * shape[0] * shape[1]:
+            raise self._failure()
+        self.stepping, self.cpu = found.pop("stepping"), found.pop("cpu")
+        if "refusal" in found:
+            raise ValueError(found["refusal"])
+        return found, np.frombuffer(rows).reshape(shape)
+
+    def close(self) -> None:
+        """End the process."""
+        for pipe in (self._child.stdin, self._child.stdout):
+            if pipe is not None:
+                pipe.close()
+        try:
+            self._child.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+        atexit.unregister(self.close)
+
+    def _failure(self) -> StepFailure:
+        """Why it died, in one line; all it wrote goes to standard error."""
+        self.close()
+        _processes.pop((self._name, os.getpid()), None)
+        self._errors.seek(0)
+        native, code = self._errors.read().decode(errors="replace"), self._child.returncode
+        sys.stderr.write(native)
+        last = next((line.strip() for line in reversed(native.splitlines()) if line.strip()), "it wrote nothing")
+        ended = f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
+        return StepFailure(Status.CRASHED, f"the process of {self._name} was ended {ended}: {last}")
+
+
+_processes: dict[tuple[str, int], Process] = {}  # by engine and process of ours: a fork starts its own
+
+
+def process_of(inside: str, python: Path) -> Process:
+    """The engine's process, started where there is none."""
+    key = inside, os.getpid()
+    if key not in _processes:
+        _processes[key] = Process(inside, python)
+    return _processes[key]
+
+
+def seconds_of_processes() -> float:
+    """CPU time [s] of all engines' processes of this one, as they last said."""
+    return sum(one.cpu for (_, owner), one in _processes.items() if owner == os.getpid())

@@ -1,0 +1,72 @@
+"""Answers questions about an engine's model: ``python -I serve.py FILE``, lines of JSON on stdin and stdout.
+
+FILE has a class ``Model(data)`` with ``notes``, ``at_start()`` and ``advance(steps, dt)``, as module
+``export.protocol`` says. Whatever an engine prints goes to standard error.
+"""
+
+import ctypes
+import json
+import os
+import resource
+import runpy
+import signal
+import sys
+from typing import Any
+
+import numpy as np
+
+PR_SET_PDEATHSIG = 1  # prctl(2)
+
+
+def main(path: str) -> None:
+    """Serve the model of ``path`` until the parent closes the pipe or dies."""
+    parent = os.getppid()
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL), 0, 0, 0)
+    if os.getppid() != parent:
+        return
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    make: Any = None
+    model: Any = None
+    stepping, models = 0.0, 0
+    for line in sys.stdin.buffer:
+        asked, rows = json.loads(line), b""
+        answer: dict[str, Any]
+        try:
+            if asked["do"] == "build":
+                make = make or runpy.run_path(path)["Model"]
+                model, models = make(asked["data"]), models + 1
+                answer = {"model": models, "notes": list(model.notes)}
+            elif asked["model"] != models:
+                raise ValueError(f"model {asked['model']} was replaced by model {models}")
+            elif asked["do"] == "at_start":
+                answer = model.at_start()
+            else:
+                made, spent = step(model, asked["steps"], asked["dt"])
+                stepping += spent
+                answer, rows = {"shape": made.shape, "stopped": model.stopped}, made.tobytes()
+        except ValueError as error:
+            answer = {"refusal": " ".join(str(error).split())}
+        answer |= {"stepping": stepping, "cpu": seconds()}
+        answers.write(json.dumps(answer, default=lambda a: a.tolist()).encode() + b"\n" + rows)
+        answers.flush()
+
+
+def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:
+    """Rows of the tree after the next steps, and the CPU time [s] of stepping alone."""
+    before = seconds()
+    made = model.advance(steps, dt)
+    spent = seconds() - before
+    made = getattr(model, "rows", np.asarray)(made)
+    return np.ascontiguousarray(made, dtype=np.float64), spent
+
+
+def seconds() -> float:
+    """User and system time of all threads [s]."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
