@@ -1,8 +1,8 @@
 """Exudyn: redundant coordinates, implicit integrators, its own compiled loop without range checks.
 
 A body is a node with Euler parameters and their norm as a constraint, a joint is rows of algebraic equations in our
-order of ends: marker 0 on body i, marker 1 on body j or the ground. A revolute joint is Exudyn's generic joint about
-its z axis, both joint frames equal at the start. Redundant rows are left out, as chosen by a pivoted QR of the rows in
+order of ends: marker 0 on body i, marker 1 on body j or the ground. All but spherical joints are Exudyn's generic joint
+about its z axis, both joint frames equal at the start. Redundant rows are left out, as chosen by a pivoted QR of them in
 the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have no row of their own, and
 dense LU that ignores the singular Jacobian. Its defaults stay: modified Newton, and smaller steps where the iteration
 fails; such a run has no fixed steps any more and ends there. Sensors record poses inside the timed loop. Between
@@ -23,6 +23,7 @@ from jaxtyping import Bool, Float
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.jacobian import constraint_jacobian
+from ...harness.mechanics.joints import JointKind
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
 from ...harness.types import Problem, Status, StepControl, Trajectory
@@ -30,6 +31,7 @@ from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
+from .export.tree import KINDS
 
 PIVOT = 1e-9  # of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
 INTEGRATORS = ("TrapezoidalIndex2", "GeneralizedAlpha")
@@ -57,7 +59,7 @@ class Exudyn(Clocked):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why Exudyn cannot take the problem, or None."""
-        if (reason := missing("exudyn") or beyond(problem.system)) is not None:
+        if (reason := missing("exudyn") or beyond(problem.system, KINDS)) is not None:
             return reason
         model = Model(self, problem, control)
         steep = np.abs(problem.initial.R[:, 0, 2]) > STEEP
@@ -187,14 +189,15 @@ class Model:
     def _joint(self, system: MultibodySystem, start: State, k: int, rows: Bool[np.ndarray, " n"]) -> None:
         items, i, j = self._exu.itemInterface, int(system.joint_i[k]), int(system.joint_j[k])
         s_i, s_j = system.joint_s_i[k], system.joint_s_j[k]
-        if not system.joint_revolute[k]:
+        if system.joint_kind(k) == JointKind.SPHERICAL:
             markers = [self._marker(i, s_i), self._marker(j, s_j)]
             self.mbs.AddObject(items.SphericalJoint(markerNumbers=markers, constrainedAxes=rows.astype(int).tolist()))
             return
         in_i, in_j = _joint_frames(system, start, k)
-        point, first, second = rows[:3], rows[3], rows[4]  # a row on normal x stops the turning about y, and conversely
-        axes = [int(a) for a in (*point, second, first, False)]
+        places = int(system.joint_points[k] + system.joint_lines[k])
+        held = dict(zip((*range(places), 4, 3, 5), rows, strict=False))  # a row on x stops turning about y
         markers = [self._marker(i, s_i, in_i), self._marker(j, s_j, in_j)]
+        axes = [int(held.get(n, False)) for n in range(6)]
         self.mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=axes))
 
     def _spring(self, system: MultibodySystem, k: int) -> None:
@@ -235,9 +238,11 @@ def _tait_bryan(angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) 
 def _joint_frames(
     system: MultibodySystem, start: State, k: int
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-    """Columns x, y, z of the joint frame of revolute joint ``k``, z its axis, in the frames of i and of j."""
+    """Columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i."""
     R = np.concatenate((start.R, np.eye(3)[None]))
     x, y = system.joint_n[k, :2]
+    if system.joint_kind(k) == JointKind.UNIVERSAL:
+        y = np.cross(R[system.joint_j[k]].T @ R[system.joint_i[k]] @ system.joint_u[k], x)
     in_j = np.column_stack((x, y, np.cross(x, y)))
     return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
 
@@ -245,7 +250,7 @@ def _joint_frames(
 def _independent_rows(system: MultibodySystem, start: State) -> Bool[np.ndarray, " nrows"]:
     """Which rows to keep; point rows are taken in the joint frame, as Exudyn states an incomplete set of them."""
     A = constraint_jacobian(system, start).toarray()
-    for k in np.flatnonzero(system.joint_revolute):
+    for k in np.flatnonzero((system.joint_points == 3) & (system.joint_axes > 0)):
         point = slice(system.row_start[k], system.row_start[k] + 3)
         R_i = start.R[system.joint_i[k]]
         A[point] = (R_i @ _joint_frames(system, start, int(k))[0]).T @ A[point]

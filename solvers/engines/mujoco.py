@@ -1,7 +1,7 @@
 """MuJoCo: joint coordinates of a tree, cut joints as soft equality constraints, its own compiled loop.
 
-A tree of ``export.tree``: hinge, ball and free joints. A point of a cut joint is a ``connect`` constraint. MuJoCo's
-constraints are soft: a row follows
+A tree of ``export.tree``: hinge, slide, ball and free joints. A point of a cut joint is a ``connect`` constraint.
+MuJoCo's constraints are soft: a row follows
 
     a + d (b v + k r) = (1 - d) a_0,   d = impedance,  b = 2/(d T),  k = 1/(d T)^2,  T = time_constant dt
 
@@ -27,20 +27,19 @@ from ...harness.catalogue import registry
 from ...harness.catalogue.mechanism import Mechanism
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from ...harness.mechanics.state import State
-from ...harness.mechanics.system import GROUND, MultibodySystem
-from ...harness.mechanics.torsion import torsion
+from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
-from .export.tree import Kind, Tree, spanning_tree
+from .export.plain import springs_of_hinges
+from .export.tree import KINDS, Kind, Tree, spanning_tree
 
-INTEGRATORS = {"RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0, "discrete": 1.0}  # order in dt without constraints
-PARALLEL = 1e-9  # of an axis and that of a hinge
+INTEGRATORS = {  # order in dt without constraints
+    "RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0, "discrete": 1.0,
+}  # fmt: skip
 CONSTRAINT_SOLVERS = ("Newton", "CG", "PGS")
-JOINTS = {Kind.HINGE: "HINGE", Kind.BALL: "BALL", Kind.FREE: "FREE"}
 
 
 @solver("mujoco")
@@ -76,7 +75,7 @@ class MuJoCo(Clocked):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why MuJoCo cannot take the problem, or None."""
-        if (reason := missing("mujoco") or beyond(problem.system, torsions=True)) is not None:
+        if (reason := missing("mujoco") or beyond(problem.system, KINDS, torsions=True)) is not None:
             return reason
         if self.settings == "file" and (reason := _not_as_in_file(problem, control)) is not None:
             return reason
@@ -172,7 +171,7 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
             solref, solimp = unset.solref, unset.solimp
     o.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
     spec.compiler.degree = False
-    springs = _springs_of_hinges(system, start, tree)
+    springs = springs_of_hinges(system, start, tree)
     parts = {GROUND: spec.worldbody}
     for limb in tree.limbs:
         free = limb.kind is Kind.FREE
@@ -182,11 +181,17 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
             inertia=moments, iquat=_quaternion(axes * np.linalg.det(axes)),
             pos=start.r[limb.body] if free else limb.s_parent - limb.R_0 @ limb.s_child, quat=_quaternion(limb.R_0),
         )  # fmt: skip
-        kind = getattr(mj.mjtJoint, f"mjJNT_{JOINTS[limb.kind]}")
-        axis = limb.axis if limb.kind is Kind.HINGE else (0.0, 0.0, 1.0)
-        part.add_joint(type=kind, pos=limb.s_child, axis=axis, **springs.pop(limb.body, {}))
-    if springs:
-        raise ValueError("a torsional spring is not about the axis of a hinge of the tree")
+        kinds = mj.mjtJoint
+        if limb.kind.is_turned:
+            part.add_joint(type=kinds.mjJNT_FREE if free else kinds.mjJNT_BALL, pos=limb.s_child)
+        for slides, axis in limb.moves():
+            about = springs.get(limb.body)
+            given = {} if about is None else {
+                "stiffness": [about["stiffness"], 0.0, 0.0], "damping": [about["damping"], 0.0, 0.0],
+                "springref": about["rest_angle"],
+            }  # fmt: skip
+            kind = kinds.mjJNT_SLIDE if slides else kinds.mjJNT_HINGE
+            part.add_joint(type=kind, pos=limb.s_child, axis=axis, **given)
     for cut in tree.cuts:
         row = spec.add_equality(type=mj.mjtEq.mjEQ_CONNECT, objtype=mj.mjtObj.mjOBJ_BODY)
         row.name1, row.name2, row.data[:3] = _name(cut.i), _name(cut.j), cut.s_i
@@ -201,26 +206,6 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
             parts[int(body)].add_site(name=f"spring {k} {end}", pos=p)
             cord.wrap_site(f"spring {k} {end}")
     return spec
-
-
-def _springs_of_hinges(system: MultibodySystem, start: State, tree: Tree) -> dict[int, dict[str, Any]]:
-    """By body, what its joint is given; the key -1 - k where spring k is not about the axis of a hinge."""
-    out: dict[int, dict[str, Any]] = {}
-    stretched = torsion(system, States.one(start))[0][0]
-    limbs = {limb.body: limb for limb in tree.limbs if limb.kind is Kind.HINGE}
-    for k, (i, j) in enumerate(zip(system.torsion_i.tolist(), system.torsion_j.tolist(), strict=True)):
-        axis = np.cross(*system.torsion_n[k])  # in j
-        child = next((b for b in (i, j) if b in limbs and {b, limbs[b].parent} == {i, j}), None)
-        along = 0.0
-        if child is not None:
-            along = float(limbs[child].axis @ (limbs[child].R_0.T @ axis if child == i else -axis))
-        if child is None or abs(abs(along) - 1.0) > PARALLEL or child in out:
-            out[-1 - k] = {}
-            continue
-        rest = -float(np.sign(along)) * float(stretched[k])
-        out[child] = {"stiffness": [system.torsion_k[k], 0.0, 0.0], "springref": rest,
-                      "damping": [system.torsion_c[k], 0.0, 0.0]}  # fmt: skip
-    return out
 
 
 def _file_of(problem: Problem) -> Any:

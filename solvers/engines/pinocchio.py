@@ -25,7 +25,7 @@ from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
-from .export.tree import Kind, Tree, spanning_tree
+from .export.tree import KINDS, Kind, Tree, spanning_tree
 
 INTEGRATORS = {"RKMK4": 4.0, "Euler": 1.0}
 STRETCH = 1_000  # steps times bodies between two looks at the clock
@@ -53,11 +53,12 @@ class Pinocchio(Clocked):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why Pinocchio cannot take the problem, or None."""
-        if (reason := missing("pinocchio", "pin") or beyond(problem.system)) is not None:
+        if (reason := missing("pinocchio", "pin") or beyond(problem.system, KINDS, springs=False)) is not None:
             return reason
-        if len(problem.system.spring_k):
-            return f"Pinocchio has no springs; the system has {len(problem.system.spring_k)}"
-        return model_refusal(self.name, problem, Model(self, problem, control).at_start())
+        try:
+            return model_refusal(self.name, problem, Model(self, problem, control).at_start())
+        except ValueError as error:
+            return str(error)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """The loop with the fixed step ``control.dt``."""
@@ -71,11 +72,11 @@ class Model:
     def __init__(self, options: Pinocchio, problem: Problem, control: StepControl) -> None:
         self.pin, self.problem, self._options = (pin := package("pinocchio")), problem, options
         self.tree = tree = spanning_tree(problem.system, problem.initial)
-        self.model, self._joint = _tree(pin, problem, tree)
+        self.model, self._joint, self._at = _tree(pin, problem, tree)
         self.data = self.model.createData()
         self.cuts, self._held = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
         for cut in tree.cuts:
-            ends = ((self._joint[b], pin.SE3(np.eye(3), s - self._child_arm(b)))
+            ends = ((self._joint[b], self._at[b] * pin.SE3(np.eye(3), s))
                     for b, s in ((cut.i, cut.s_i), (cut.j, cut.s_j)))  # fmt: skip
             (i, at_i), (j, at_j) = ends
             held = pin.RigidConstraintModel(
@@ -87,7 +88,7 @@ class Model:
         pin.initConstraintDynamics(self.model, self.data, self.cuts, self._held)
         self._proximal = pin.ProximalSettings(options.accuracy, options.mu, options.iterations)
         self._no_torque = np.zeros(self.model.nv)
-        balls = [limb for limb in tree.limbs if limb.kind is not Kind.HINGE]
+        balls = [limb for limb in tree.limbs if limb.kind.is_turned]
         first = [limb.u_at + (3 if limb.kind is Kind.FREE else 0) for limb in balls]
         self._turning = np.array(first, dtype=int)[:, None] + np.arange(3)
         self._quaternions = np.array([limb.q_at + (3 if limb.kind is Kind.FREE else 0) for limb in balls], dtype=int)
@@ -160,10 +161,6 @@ class Model:
             out[self._turning] += 0.5 * once + _cross(a, once) / 12.0
         return out
 
-    def _child_arm(self, body: int) -> Float[np.ndarray, " 3"]:
-        """From the body's C to the origin of its joint frame."""
-        return np.zeros(3) if body == GROUND else next(x.s_child for x in self.tree.limbs if x.body == body)
-
     def _theirs(self, q: np.ndarray) -> np.ndarray:
         """Quaternions as (x, y, z, w)."""
         out = q.copy()
@@ -178,25 +175,28 @@ class Model:
         return out
 
 
-def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int, int]]:
-    """The model and its joint by body; coordinates in the tree's order."""
+def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int, int], dict[int, Any]]:
+    """The model; by body its joint and its place in the frame of that. Coordinates are in the tree's order."""
     system, model = problem.system, pin.Model()
     model.gravity.linear = np.array(system.gravity)
-    joint, arm = {GROUND: 0}, {GROUND: np.zeros(3)}
+    joint, at, zero = {GROUND: 0}, {GROUND: pin.SE3.Identity()}, pin.SE3.Identity()
     for limb in tree.limbs:
-        b, here = limb.body, pin.SE3(limb.R_0, limb.s_parent - arm[limb.parent])
+        b, moves = limb.body, []
         if limb.kind is Kind.FREE:
-            carried = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), f"place of body {b}")
-            joint[b] = model.addJoint(carried, pin.JointModelSpherical(), pin.SE3.Identity(), f"body {b}")
-        elif limb.kind is Kind.BALL:
-            joint[b] = model.addJoint(joint[limb.parent], pin.JointModelSpherical(), here, f"body {b}")
-        else:
-            hinge = pin.JointModelRevoluteUnaligned(np.array(limb.axis))
-            joint[b] = model.addJoint(joint[limb.parent], hinge, here, f"body {b}")
-        arm[b] = limb.s_child
-        inertia = pin.Inertia(float(system.mass[b]), -np.array(limb.s_child), np.array(system.regular_inertia[b]))
-        model.appendBodyToJoint(joint[b], inertia, pin.SE3.Identity())
-    return model, joint
+            moves = [pin.JointModelTranslation()]
+        if limb.kind.is_turned:
+            moves += [pin.JointModelSpherical()]
+        for slides, axis in limb.moves():
+            moves += [(pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned)(axis)]
+        here = zero if limb.kind is Kind.FREE else at[limb.parent] * pin.SE3(limb.R_0, limb.s_parent)
+        joint[b], at[b] = joint[limb.parent], pin.SE3(np.eye(3), -np.array(limb.s_child))
+        if not moves:
+            at[b] = here * at[b]
+        for k, move in enumerate(moves):
+            joint[b] = model.addJoint(joint[b], move, zero if k else here, f"body {b}, joint {k}")
+        inertia = pin.Inertia(float(system.mass[b]), np.zeros(3), np.array(system.regular_inertia[b]))
+        model.appendBodyToJoint(joint[b], inertia, at[b])
+    return model, joint, at
 
 
 def _cross(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -3,9 +3,11 @@
 import importlib
 import importlib.metadata
 import importlib.util
+from collections.abc import Iterable
 from types import ModuleType
 
 from ....harness.mechanics.system import MultibodySystem
+from .tree import CUTTABLE
 
 
 def missing(module: str, wheel: str = "") -> str | None:
@@ -17,12 +19,19 @@ def missing(module: str, wheel: str = "") -> str | None:
     return None if found else f"{wheel or module} is not installed: pip install 'mbsbench[engines]'"
 
 
-def beyond(system: MultibodySystem, *, torsions: bool = False) -> str | None:
-    """What of the system the adapters do not hand to an engine, or None; ``torsions``: springs of hinges are."""
-    left = 0 if torsions else len(system.torsion_k)
-    if system.is_pinned and not (len(system.load_i) or left or len(system.user_i)):
+def beyond(
+    system: MultibodySystem, kinds: Iterable[str] = CUTTABLE, *, springs: bool = True, torsions: bool = False
+) -> str | None:
+    """What of the system an adapter does not hand to its engine, or None; ``torsions``: springs of hinges."""
+    taken = tuple(kinds)
+    found = [str(kind) for kind in map(system.joint_kind, range(system.nj)) if kind not in taken]
+    found += ["springs"] * (not springs and len(system.spring_k) > 0)
+    found += ["torsional springs"] * (not torsions and len(system.torsion_k) > 0)
+    found += ["loads"] * (len(system.load_i) > 0) + ["user forces"] * (len(system.user_i) > 0)
+    if not found:
         return None
-    return "engines are given spherical and revolute joints, gravity and springs only"
+    given = f"it is given {', '.join(taken[:-1])} and {taken[-1]} joints, gravity{' and springs' if springs else ''}"
+    return f"{given} only; the system has {', '.join(dict.fromkeys(found))}"
 
 
 def made_by(name: str) -> str:

@@ -37,7 +37,7 @@ class Process:
     def __init__(self, inside: str, python: Path) -> None:
         self.stepping = self.cpu = 0.0  # [s] so far
         self._name, self._errors = inside, tempfile.TemporaryFile()  # noqa: SIM115
-        command = [python, "-I", INSIDE / "serve.py", INSIDE / f"{inside}.py"]
+        command = [str(python), "-I", str(INSIDE / "serve.py"), str(INSIDE / f"{inside}.py")]
         pipe = subprocess.PIPE
         self._child = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors)
         atexit.register(self.close)

@@ -7,9 +7,10 @@ engine cannot take the model, and has::
     at_start()           fields of ``EngineModel`` by name; T and bias are the tree's where they are left out
     advance(steps, dt)   rows (q, u), coordinates and velocities of the tree, after each of the next steps;
                          with error control (dt = 0) rows (t, q, u) of at most so many accepted steps, up to t_end
+    rows(a)              left out, or what makes such rows of those that ``advance`` returns; its time does not count
     stopped              why ``advance`` returned fewer rows, or ""
 
-``data`` is ``Tree.plain`` with ``options`` (fields of the adapter), ``dt`` or ``rtol``, and ``t_end``.
+``data`` is that of module ``plain`` with ``options`` (fields of the adapter), ``dt`` or ``rtol``, and ``t_end``.
 """
 
 import importlib
@@ -20,14 +21,15 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.recording import Clock, Clocked, StepFailure
+from ..inside.serve import step
 from .engine import beyond, missing
 from .march import STRETCH, PartialStretch, march
 from .model_check import SAME, EngineModel, model_refusal
+from .plain import plain
 from .process import environment_of, process_of, seconds_of_processes
-from .tree import spanning_tree
+from .tree import KINDS, spanning_tree
 
 
 class Adapter(Clocked):
@@ -39,13 +41,19 @@ class Adapter(Clocked):
     inside: ClassVar[str]  # name of its file in ``inside`` and of its environment
     package: ClassVar[str]  # to import here where it has no environment
     wheel: ClassVar[str]
+    kinds: ClassVar[tuple[str, ...]] = tuple(KINDS)  # of joints that it takes
+    torsions: ClassVar[bool] = True
     same: ClassVar[float] = SAME  # of the model check
     stretch: ClassVar[int] = STRETCH
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why the engine cannot take the problem, or None."""
         absent = None if environment_of(self.inside) else missing(self.package, self.wheel)
-        if (reason := absent or beyond(problem.system) or self._cannot(problem, control)) is not None:
+        if (
+            reason := absent
+            or beyond(problem.system, self.kinds, torsions=self.torsions)
+            or self._cannot(problem, control)
+        ) is not None:
             return reason
         try:
             return model_refusal(self.name, problem, Model(self, problem, control).at_start(), self.same)
@@ -65,6 +73,7 @@ class Adapter(Clocked):
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         model = Model(self, problem, control)
+        model.clock = clock
         return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes(),
                      stretch=self.stretch, seconds=model.seconds)  # fmt: skip
 
@@ -74,16 +83,23 @@ class Model:
 
     def __init__(self, adapter: Any, problem: Problem, control: StepControl) -> None:
         self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
-        data = {**self.tree.plain(problem.system, problem.initial), "options": asdict(adapter), "dt": control.dt,
+        self.clock: Clock | None = None
+        data = {**plain(self.tree, problem.system, problem.initial), "options": asdict(adapter), "dt": control.dt,
                 "rtol": control.rtol, "t_end": problem.t_end}  # fmt: skip
         data = json.loads(json.dumps(data, default=lambda a: a.tolist()))
         python = environment_of(adapter.inside)
         self._made = _Here(adapter.inside, data) if python is None else _There(process_of(adapter.inside, python), data)
-        self.seconds = self._made.seconds
+
+    def seconds(self) -> float:
+        """CPU time [s] of stepping."""
+        return self._made.stepping
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
         """Rows of the next steps."""
+        before = self._made.stepping
         rows, stopped = self._made.advance(steps, dt)
+        if self._made.apart and self.clock is not None:
+            self.clock.began -= self._made.stepping - before  # the limit is on both processes
         if stopped:
             raise PartialStretch(Status.DIVERGED, stopped, rows)
         return rows
@@ -99,7 +115,8 @@ class Model:
         found = {name: np.array(a, dtype=float) if isinstance(a, list | np.ndarray) else a
                  for name, a in self._made.at_start().items()}  # fmt: skip
         found["constraints"] = found["constraints"].reshape(-1, nu)
-        return EngineModel(**{"T": self.tree.jacobian(), "bias": self.tree.bias(self.problem.initial), **found})
+        given: dict[str, Any] = {"T": self.tree.jacobian(), "bias": self.tree.bias(self.problem.initial), **found}
+        return EngineModel(**given)
 
     def notes(self) -> tuple[str, ...]:
         """What was modelled how."""
@@ -113,7 +130,7 @@ class Model:
 class _Here:
     """In this process."""
 
-    seconds = staticmethod(cpu_seconds)
+    apart, stepping = False, 0.0
 
     def __init__(self, inside: str, data: dict[str, Any]) -> None:
         module = importlib.import_module(f"..inside.{inside}", __package__)
@@ -124,18 +141,23 @@ class _Here:
         return dict(self._model.at_start())
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:
-        return self._model.advance(steps, dt), self._model.stopped
+        rows, spent = step(self._model, steps, dt)
+        self.stepping += spent
+        return rows, self._model.stopped
 
 
 class _There:
     """In the process of its engine."""
+
+    apart = True
 
     def __init__(self, process: Any, data: dict[str, Any]) -> None:
         self._process = process
         found = process.ask("build", data=data)[0]
         self._number, self.notes = found["model"], (*found["notes"], "in a process of its own")
 
-    def seconds(self) -> float:
+    @property
+    def stepping(self) -> float:
         """CPU time [s] of stepping in that process."""
         return float(self._process.stepping)
 

@@ -1,29 +1,34 @@
 """A system as a tree in joint coordinates with cut joints: the form of engines that have joint coordinates.
 
 The rule: breadth first from the ground, joints in their order; a joint that reaches a new body is a joint of the tree,
-any other is cut. A part that nothing joins to the ground floats on its first body. Coordinates follow the tree depth
-first, children in the order in which they were reached::
+any other is cut. Only spherical and revolute joints can be cut: the others at a new body are followed at once. A part
+that nothing joins to the ground floats on its first body. Coordinates follow the tree depth first, children in the
+order in which they were reached::
 
-    hinge   1: angle from the start                      velocity 1
-    ball    4: quaternion (w, x, y, z) from the start    velocity 3: relative angular velocity, frame of the child
-    free    7: r, quaternion of R                        velocity 6: r_dot, Omega
+    hinge      1: angle from the start                      velocity 1
+    slide      1: way from the start                        velocity 1
+    cylinder   2: way, angle                                velocity 2
+    universal  2: angle about axis_parent, about axis       velocity 2
+    ball       4: quaternion (w, x, y, z) from the start    velocity 3: relative angular velocity, frame of the child
+    free       7: r, quaternion of R                        velocity 6: r_dot, Omega
+    fixed      0                                            velocity 0
 
-    R_child = R_parent R_0 rot(q),   r_child = r_parent + R_parent s_parent - R_child s_child
+    R_child = R_parent rot(first) R_0 rot(last),   r_child = r_parent + R_parent (s_parent + way) - R_child s_child
 
 A cut joint is points of two bodies that coincide: one for a spherical joint, and for a revolute joint a second one on
 the axis, left out where its rows depend on the others at the start.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ....harness.mechanics import so3
+from ....harness.mechanics.joints import JointKind
 from ....harness.mechanics.motion import point_velocity
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import GROUND, MultibodySystem
@@ -33,9 +38,40 @@ from .model_check import rank
 class Kind(Enum):
     """How a body hangs on its parent: sizes of its coordinates and velocities."""
 
-    HINGE = (1, 1)
-    BALL = (4, 3)
-    FREE = (7, 6)
+    HINGE = ("hinge", 1, 1)
+    SLIDE = ("slide", 1, 1)
+    CYLINDER = ("cylinder", 2, 2)
+    UNIVERSAL = ("universal", 2, 2)
+    BALL = ("ball", 4, 3)
+    FREE = ("free", 7, 6)
+    FIXED = ("fixed", 0, 0)
+
+    @property
+    def nq(self) -> int:
+        """Number of coordinates."""
+        return self.value[1]
+
+    @property
+    def nu(self) -> int:
+        """Number of velocities."""
+        return self.value[2]
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether it has a quaternion."""
+        return self in (Kind.BALL, Kind.FREE)
+
+    @property
+    def slides(self) -> bool:
+        """Whether its first coordinate is a way along ``axis_parent``."""
+        return self in (Kind.SLIDE, Kind.CYLINDER)
+
+
+CUTTABLE = (JointKind.SPHERICAL, JointKind.REVOLUTE)
+KINDS = {
+    JointKind.SPHERICAL: Kind.BALL, JointKind.REVOLUTE: Kind.HINGE, JointKind.PRISMATIC: Kind.SLIDE,
+    JointKind.CYLINDRICAL: Kind.CYLINDER, JointKind.UNIVERSAL: Kind.UNIVERSAL, JointKind.FIXED: Kind.FIXED,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -47,10 +83,19 @@ class Limb:
     kind: Kind
     s_parent: Float[np.ndarray, " 3"]
     s_child: Float[np.ndarray, " 3"]
-    axis: Float[np.ndarray, " 3"]  # of a hinge, frame of the child
+    axis: Float[np.ndarray, " 3"]  # of the last angle, frame of the child; zero where there is none
+    axis_parent: Float[np.ndarray, " 3"]  # of the way or the first angle, frame of the parent; zero likewise
     R_0: Float[np.ndarray, "3 3"]  # from the parent to the child at the start; free: from space
     q_at: int  # first coordinate
     u_at: int  # first velocity
+
+    def moves(self) -> tuple[tuple[bool, Float[np.ndarray, " 3"]], ...]:
+        """Joints of one axis in their order from the parent: whether it slides, its axis in the child at the start."""
+        first, last = self.R_0.T @ self.axis_parent, self.axis
+        return {
+            Kind.HINGE: ((False, last),), Kind.SLIDE: ((True, first),),
+            Kind.CYLINDER: ((True, first), (False, last)), Kind.UNIVERSAL: ((False, first), (False, last)),
+        }.get(self.kind, ())  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -79,37 +124,26 @@ class Tree:
         R = np.broadcast_to(np.eye(3), (nt, nb + 1, 3, 3)).copy()
         for limb in self.limbs:
             b, p = limb.body, limb.parent
-            own_q = q[:, limb.q_at : limb.q_at + limb.kind.value[0]]
-            own_u = u[:, limb.u_at : limb.u_at + limb.kind.value[1]]
+            own_q = q[:, limb.q_at : limb.q_at + limb.kind.nq]
+            own_u = u[:, limb.u_at : limb.u_at + limb.kind.nu]
             if limb.kind is Kind.FREE:
                 r[:, b], R[:, b] = own_q[:, :3], _matrices(own_q[:, 3:])
                 v[:, b], Omega[:, b] = own_u[:, :3], own_u[:, 3:]
                 continue
-            turn = so3.exp(own_q * limb.axis) if limb.kind is Kind.HINGE else _matrices(own_q)
-            R[:, b] = R[:, p] @ limb.R_0 @ turn
-            relative = own_u * limb.axis if limb.kind is Kind.HINGE else own_u
-            Omega[:, b] = np.einsum("tji,tj->ti", limb.R_0 @ turn, Omega[:, p]) + relative
-            r[:, b] = r[:, p] + R[:, p] @ limb.s_parent - R[:, b] @ limb.s_child
-            v[:, b] = v[:, p] + _turned(R[:, p], np.cross(Omega[:, p], limb.s_parent))
+            slides, turns_first = limb.kind.slides, limb.kind is Kind.UNIVERSAL
+            first, angle = (own_q[:, :1], own_q[:, -1:]) if len(own_q.T) else np.zeros((2, nt, 1))
+            first_rate, rate = (own_u[:, :1], own_u[:, -1:]) if len(own_u.T) else np.zeros((2, nt, 1))
+            way, way_rate = (x * limb.axis_parent * slides for x in (first, first_rate))
+            last = _matrices(own_q) if limb.kind is Kind.BALL else so3.exp(angle * limb.axis)
+            turn = so3.exp(first * limb.axis_parent * turns_first) @ limb.R_0 @ last
+            R[:, b] = R[:, p] @ turn
+            relative = own_u if limb.kind is Kind.BALL else rate * limb.axis
+            carried = Omega[:, p] + first_rate * limb.axis_parent * turns_first
+            Omega[:, b] = np.einsum("tji,tj->ti", turn, carried) + relative
+            r[:, b] = r[:, p] + _turned(R[:, p], limb.s_parent + way) - R[:, b] @ limb.s_child
+            v[:, b] = v[:, p] + _turned(R[:, p], np.cross(Omega[:, p], limb.s_parent + way) + way_rate)
             v[:, b] -= _turned(R[:, b], np.cross(Omega[:, b], limb.s_child))
         return States(r[:, :nb], R[:, :nb], v[:, :nb], Omega[:, :nb])
-
-    def plain(self, system: MultibodySystem, start: State) -> dict[str, Any]:
-        """What an engine is given, by names alone; vectors of bodies in their frames, of the ground in space."""
-        limbs = [
-            {**{f.name: getattr(limb, f.name) for f in fields(limb)}, "kind": limb.kind.name,
-             "mass": system.mass[limb.body], "inertia": system.regular_inertia[limb.body],
-             **{name: getattr(start, name)[limb.body] for name in ("r", "R", "v", "Omega")}}
-            for limb in self.limbs
-        ]  # fmt: skip
-        springs = [
-            {"i": system.spring_i[k], "p_i": system.spring_p_i[k], "j": system.spring_j[k], "p_j": system.spring_p_j[k],
-             "stiffness": system.spring_k[k], "damping": system.spring_c[k], "rest_length": system.spring_d0[k]}
-            for k in range(len(system.spring_k))
-        ]  # fmt: skip
-        cuts = [{f.name: getattr(cut, f.name) for f in fields(cut)} for cut in self.cuts]
-        return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "springs": springs,
-                "start": self.start, "start_velocity": self.start_velocity}  # fmt: skip
 
     def jacobian(self) -> Float[np.ndarray, "twists nu"]:
         """T of (r_dot, Omega) = T u at the start, by bodies: velocities are linear in u."""
@@ -133,6 +167,11 @@ class Tree:
             carried = back @ Omega[p]
             alpha[b] = back @ alpha[p] + np.cross(carried, Omega[b] - carried)
             at_parent = np.cross(alpha[p], limb.s_parent) + np.cross(Omega[p], np.cross(Omega[p], limb.s_parent))
+            if limb.kind is Kind.UNIVERSAL:
+                first, last = self.start_velocity[limb.u_at : limb.u_at + 2]
+                alpha[b] -= first * last * np.cross(limb.axis, limb.R_0.T @ limb.axis_parent)
+            if limb.kind.slides:
+                at_parent += 2.0 * self.start_velocity[limb.u_at] * np.cross(Omega[p], limb.axis_parent)
             at_child = np.cross(alpha[b], limb.s_child) + np.cross(Omega[b], np.cross(Omega[b], limb.s_child))
             a[b] = a[p] + R[p] @ at_parent - R[b] @ at_child
         return np.concatenate((a, alpha), axis=1)[:nb]
@@ -151,8 +190,8 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     def visit(body: int) -> None:
         limb = _limb(system, start, body, *reached[body], *sizes)
         limbs.append(limb)
-        sizes[0] += limb.kind.value[0]
-        sizes[1] += limb.kind.value[1]
+        sizes[0] += limb.kind.nq
+        sizes[1] += limb.kind.nu
         pending.extend(reversed(children[body]))
 
     pending = list(reversed(children[GROUND]))
@@ -160,9 +199,13 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
         visit(pending.pop())
     used = {joint for _, joint in reached.values()}
     cut = [k for k in range(system.nj) if k not in used]
+    for k in cut:
+        if system.joint_kind(k) not in CUTTABLE:
+            raise ValueError(f"the {system.joint_kind(k)} joint {system.joint_names[k]} closes a loop that only "
+                             "spherical and revolute joints can close")  # fmt: skip
     q, u = np.zeros(sizes[0]), np.zeros(sizes[1])
     for limb in limbs:
-        q[limb.q_at : limb.q_at + limb.kind.value[0]], u[limb.u_at : limb.u_at + limb.kind.value[1]] = _own(limb, start)
+        q[limb.q_at : limb.q_at + limb.kind.nq], u[limb.u_at : limb.u_at + limb.kind.nu] = _own(limb, start)
     bare = Tree(tuple(limbs), (), q, u)
     return Tree(bare.limbs, _coincidences(system, start, cut, bare._unit_motions()), q, u)
 
@@ -173,16 +216,23 @@ def _breadth_first(system: MultibodySystem) -> tuple[dict[int, tuple[int, int]],
     children: dict[int, list[int]] = {b: [] for b in range(GROUND, system.nb)}
     ends = list(zip(system.joint_i.tolist(), system.joint_j.tolist(), strict=True))
 
-    def spread(queue: list[int]) -> None:
-        while queue:
-            parent = queue.pop(0)
-            for k, (i, j) in enumerate(ends):
-                other = j if i == parent else i if j == parent else parent
-                if other not in (GROUND, parent) and other not in reached:
-                    reached[other] = (parent, k)
-                    children[parent].append(other)
-                    queue.append(other)
+    def follow(parent: int, ks: list[int], queue: list[int]) -> None:
+        for k in ks:
+            i, j = ends[k]
+            other = j if i == parent else i if j == parent else parent
+            if other not in (GROUND, parent) and other not in reached:
+                reached[other] = (parent, k)
+                children[parent].append(other)
+                queue.append(other)
+                follow(other, whole, queue)
 
+    def spread(queue: list[int]) -> None:
+        for parent in list(queue):
+            follow(parent, whole, queue)
+        while queue:
+            follow(queue.pop(0), list(range(len(ends))), queue)
+
+    whole = [k for k in range(system.nj) if system.joint_kind(k) not in CUTTABLE]
     spread([GROUND])
     for b in range(system.nb):
         if b not in reached:
@@ -196,25 +246,38 @@ def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int,
     R_parent = np.eye(3) if parent == GROUND else start.R[parent]
     R_0, zero = R_parent.T @ start.R[body], np.zeros(3)
     if k < 0:
-        return Limb(body, GROUND, Kind.FREE, zero, zero, zero, R_0, q_at, u_at)
-    child_is_i = system.joint_i[k] == body
-    s = (system.joint_s_j[k], system.joint_s_i[k]) if child_is_i else (system.joint_s_i[k], system.joint_s_j[k])
-    kind = Kind.HINGE if system.joint_revolute[k] else Kind.BALL
-    axis = system.joint_u[k] if child_is_i else np.cross(*system.joint_n[k, :2])
-    return Limb(body, parent, kind, *s, axis, R_0, q_at, u_at)
+        return Limb(body, GROUND, Kind.FREE, zero, zero, zero, zero, R_0, q_at, u_at)
+    child_is_i, sort = system.joint_i[k] == body, system.joint_kind(k)
+    s_parent, s_child = system.joint_s_j[k], system.joint_s_i[k]
+    in_i, in_j = system.joint_u[k], system.joint_n[k, 0]  # of a universal joint
+    if sort != JointKind.UNIVERSAL:
+        in_j = np.cross(*system.joint_n[k, :2])
+    axis, axis_parent = (in_i, in_j) if child_is_i else (in_j, in_i)
+    if not child_is_i:
+        s_parent, s_child = s_child, s_parent
+    kind = KINDS[JointKind(sort)]
+    if kind.slides:  # the point of the parent where the child's is at the start
+        r_parent = np.zeros(3) if parent == GROUND else start.r[parent]
+        gap = R_parent.T @ (start.r[body] + start.R[body] @ s_child - r_parent) - s_parent
+        s_parent = s_parent + axis_parent * (axis_parent @ gap)
+    zero_last, zero_first = kind in (Kind.SLIDE, Kind.BALL, Kind.FIXED), not (kind.slides or kind is Kind.UNIVERSAL)
+    axis, axis_parent = axis * (not zero_last), axis_parent * (not zero_first)
+    return Limb(body, parent, kind, s_parent, s_child, axis, axis_parent, R_0, q_at, u_at)
 
 
 def _own(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and velocities of a limb at the start."""
-    b = limb.body
+    b, p = limb.body, limb.parent
     if limb.kind is Kind.FREE:
         x, y, z, w = Rotation.from_matrix(start.R[b]).as_quat()
         return np.concatenate((start.r[b], (w, x, y, z))), np.concatenate((start.v[b], start.Omega[b]))
-    carried = np.zeros(3) if limb.parent == GROUND else limb.R_0.T @ start.Omega[limb.parent]
-    relative = start.Omega[b] - carried
-    if limb.kind is Kind.HINGE:
-        return np.zeros(1), np.array([relative @ limb.axis])
-    return np.array([1.0, 0.0, 0.0, 0.0]), relative
+    v, Omega, R = (np.zeros(3), np.zeros(3), np.eye(3)) if p == GROUND else (start.v[p], start.Omega[p], start.R[p])
+    relative = start.Omega[b] - limb.R_0.T @ Omega
+    if limb.kind is Kind.BALL:
+        return np.array([1.0, 0.0, 0.0, 0.0]), relative
+    slip = R.T @ (start.v[b] + start.R[b] @ np.cross(start.Omega[b], limb.s_child) - v) - np.cross(Omega, limb.s_parent)
+    u = [(slip @ limb.axis_parent) if slides else relative @ axis for slides, axis in limb.moves()]
+    return np.zeros(len(u)), np.array(u)
 
 
 def _coincidences(system: MultibodySystem, start: State, cut: list[int], unit: States) -> tuple[Coincidence, ...]:

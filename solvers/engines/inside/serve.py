@@ -5,12 +5,13 @@ FILE has a class ``Model(data)`` with ``notes``, ``at_start()`` and ``advance(st
 """
 
 import ctypes
-import importlib.util
 import json
 import os
 import resource
+import runpy
 import signal
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -26,31 +27,39 @@ def main(path: str) -> None:
         return
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    spec = importlib.util.spec_from_file_location("engine", path)
-    engine = importlib.util.module_from_spec(spec)
-    model, stepping, models = None, 0.0, 0
+    make: Any = None
+    model: Any = None
+    stepping, models = 0.0, 0
     for line in sys.stdin.buffer:
-        asked, answer, rows = json.loads(line), {}, b""
+        asked, rows = json.loads(line), b""
+        answer: dict[str, Any]
         try:
             if asked["do"] == "build":
-                if not models:
-                    spec.loader.exec_module(engine)
-                model, models = engine.Model(asked["data"]), models + 1
+                make = make or runpy.run_path(path)["Model"]
+                model, models = make(asked["data"]), models + 1
                 answer = {"model": models, "notes": list(model.notes)}
             elif asked["model"] != models:
                 raise ValueError(f"model {asked['model']} was replaced by model {models}")
             elif asked["do"] == "at_start":
                 answer = model.at_start()
             else:
-                before = seconds()
-                made = np.ascontiguousarray(model.advance(asked["steps"], asked["dt"]), dtype=np.float64)
-                stepping += seconds() - before
+                made, spent = step(model, asked["steps"], asked["dt"])
+                stepping += spent
                 answer, rows = {"shape": made.shape, "stopped": model.stopped}, made.tobytes()
         except ValueError as error:
             answer = {"refusal": " ".join(str(error).split())}
         answer |= {"stepping": stepping, "cpu": seconds()}
         answers.write(json.dumps(answer, default=lambda a: a.tolist()).encode() + b"\n" + rows)
         answers.flush()
+
+
+def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:
+    """Rows of the tree after the next steps, and the CPU time [s] of stepping alone."""
+    before = seconds()
+    made = model.advance(steps, dt)
+    spent = seconds() - before
+    made = getattr(model, "rows", np.asarray)(made)
+    return np.ascontiguousarray(made, dtype=np.float64), spent
 
 
 def seconds() -> float:

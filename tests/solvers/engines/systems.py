@@ -1,7 +1,8 @@
 """Problems that try every part of an export: loops, both kinds of joints, floating bodies, springs, redundant rows."""
 
-from mbsbench import Problem, make_problem
+from mbsbench import Joint, Problem, RigidBody, SpringDamper, assemble, make_problem
 from mbsbench.harness.mechanics.presentation import Presentation
+from mbsbench.harness.mechanics.system import GROUND
 
 from ...harness.reference.mechanisms import problem, slider_crank, sprung
 from ..arbitrary_systems import consistent, linkage
@@ -29,6 +30,23 @@ def perturbed_chain() -> Problem:
     return make_problem("chain", {"perturb": 0.1, "t_end": 0.1})
 
 
-PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain)} | {
+def sliding() -> Problem:
+    """A slide, a universal joint, a cylinder and a weld in a loop that a spherical joint closes, moving."""
+    bodies = linkage(springs=False)
+    parts = [RigidBody(m, J) for m, J in zip((*bodies.mass, 0.9), (*bodies.inertia, bodies.inertia[0]), strict=True)]
+    a, b, c = (1.0, 2.0, 3.0), (0.5, -1.0, 0.2), (0.0, 1.0, 1.0)
+    joints = [
+        Joint(2, (-0.2, 0.0, 0.1), s_j=(0.4, 0.5, -0.6)),
+        Joint(0, (0.3, 0.1, 0.0), GROUND, (0.1, -0.2, 0.3), a, b, kind="prismatic", across_i=c, across_j=a),
+        Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2), a, c, kind="universal"),
+        Joint(1, (-0.3, 0.2, 0.0), 2, (0.1, 0.2, 0.3), b, a, kind="cylindrical"),
+        Joint(3, (0.1, 0.1, 0.1), 2, (0.0, 0.2, 0.0), c, b, kind="fixed", across_i=a, across_j=c),
+    ]
+    spring = SpringDamper(0, (0.2, 0.1, -0.1), 3, (0.0, 0.3, 0.1), stiffness=30.0, rest_length=0.4, damping=2.0)
+    system = assemble(parts, joints, (1.1, -2.3, -9.5), [spring])
+    return problem("sliding", system, consistent(system, 3), 0.5)
+
+
+PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain, sliding)} | {
     "slider_crank": lambda: slider_crank(hinged=True), "sprung": lambda: sprung(0.7),
 }  # fmt: skip

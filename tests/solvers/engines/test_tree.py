@@ -38,10 +38,10 @@ def moved(tree: Tree, q: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
     """q after a short time h at velocities u, to first order in h."""
     out = q.copy()
     for limb in tree.limbs:
-        own = u[limb.u_at : limb.u_at + limb.kind.value[1]]
+        own = u[limb.u_at : limb.u_at + limb.kind.nu]
         at = limb.q_at
-        if limb.kind is Kind.HINGE:
-            out[at] += h * own[0]
+        if not limb.kind.is_turned:
+            out[at : at + limb.kind.nq] += h * own
             continue
         if limb.kind is Kind.FREE:
             out[at : at + 3] += h * own[:3]
@@ -66,7 +66,7 @@ def test_joints_of_the_tree_hold_everywhere(problem):
     q, u = wandering(tree, 1)
     one = tree.states(q[None], u[None])
     phi, rate = constraint(system, one)[0], constraint_rate(system, one)[0]
-    hung = {(limb.body, limb.parent) for limb in tree.limbs}
+    hung = {(limb.body, limb.parent) for limb in tree.limbs if limb.kind is not Kind.FREE}
     held = 0
     for k in range(system.nj):
         ends = int(system.joint_i[k]), int(system.joint_j[k])
@@ -82,7 +82,7 @@ def test_velocities_are_the_rates_of_poses(problem):
     """Central differences of poses along the coordinates' own rates, of second order in h."""
     tree = tree_of(problem)
     q, u = wandering(tree, 2)
-    for at in [limb.q_at + (3 if limb.kind is Kind.FREE else 0) for limb in tree.limbs if limb.kind is not Kind.HINGE]:
+    for at in [limb.q_at + (3 if limb.kind is Kind.FREE else 0) for limb in tree.limbs if limb.kind.is_turned]:
         q[at : at + 4] /= np.linalg.norm(q[at : at + 4])
     h, zero = 1e-6, np.zeros((1, len(u)))
     fore, aft = (tree.states(moved(tree, q, u, s * h)[None], zero)[0] for s in (1.0, -1.0))

@@ -1,0 +1,54 @@
+"""What an engine is given, by names and numbers alone."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from ....harness.mechanics.state import State, States
+from ....harness.mechanics.system import MultibodySystem
+from ....harness.mechanics.torsion import torsion
+from .tree import Kind, Tree
+
+PARALLEL = 1e-9  # of an axis and that of a hinge
+
+
+def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
+    """Limbs (a ``torsion`` where a spring turns their hinge), cuts, springs; vectors in the frames of their bodies."""
+    torsions = springs_of_hinges(system, start, tree)
+    limbs = [
+        {**{f.name: getattr(limb, f.name) for f in fields(limb)}, "kind": limb.kind.name, "moves": limb.moves(),
+         "mass": system.mass[limb.body], "inertia": system.regular_inertia[limb.body],
+         "torsion": torsions.get(limb.body), **{name: getattr(start, name)[limb.body] for name in MOTION}}
+        for limb in tree.limbs
+    ]  # fmt: skip
+    springs = [
+        {"i": system.spring_i[k], "p_i": system.spring_p_i[k], "j": system.spring_j[k], "p_j": system.spring_p_j[k],
+         "stiffness": system.spring_k[k], "damping": system.spring_c[k], "rest_length": system.spring_d0[k]}
+        for k in range(len(system.spring_k))
+    ]  # fmt: skip
+    cuts = [{f.name: getattr(cut, f.name) for f in fields(cut)} for cut in tree.cuts]
+    return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "springs": springs,
+            "start": tree.start, "start_velocity": tree.start_velocity}  # fmt: skip
+
+
+MOTION = ("r", "R", "v", "Omega")
+
+
+def springs_of_hinges(system: MultibodySystem, start: State, tree: Tree) -> dict[int, dict[str, float]]:
+    """Torsional springs by the child of their hinge, or ValueError for one that is not about the axis of a hinge."""
+    out: dict[int, dict[str, float]] = {}
+    stretched = torsion(system, States.one(start))[0][0]
+    limbs = {limb.body: limb for limb in tree.limbs if limb.kind is Kind.HINGE}
+    for k, (i, j) in enumerate(zip(system.torsion_i.tolist(), system.torsion_j.tolist(), strict=True)):
+        axis = np.cross(*system.torsion_n[k])  # in j
+        child = next((b for b in (i, j) if b in limbs and {b, limbs[b].parent} == {i, j}), None)
+        along = 0.0
+        if child is not None:
+            along = float(limbs[child].axis @ (limbs[child].R_0.T @ axis if child == i else -axis))
+        if child is None or abs(abs(along) - 1.0) > PARALLEL or child in out:
+            raise ValueError("a torsional spring is not about the axis of a hinge of the tree")
+        rest = -float(np.sign(along)) * float(stretched[k])
+        stiffness, damping = float(system.torsion_k[k]), float(system.torsion_c[k])
+        out[child] = {"stiffness": stiffness, "rest_angle": rest, "damping": damping}
+    return out
