@@ -4,7 +4,7 @@
 engine cannot take the model, and has::
 
     notes                what was modelled how, and the engine's version: sentences
-    at_start()           fields of ``EngineModel`` by name; T and bias are the tree's where they are left out
+    at_start()           fields of ``EngineModel`` by name; T, bias and constraints are the tree's where left out
     advance(steps, dt)   rows (q, u), coordinates and velocities of the tree, after each of the next steps;
                          with error control (dt = 0) rows (t, q, u) of at most so many accepted steps, up to t_end
     rows(a)              left out, or what makes such rows of those that ``advance`` returns; its time does not count
@@ -56,7 +56,7 @@ class Adapter(Clocked):
         ) is not None:
             return reason
         try:
-            return model_refusal(self.name, problem, Model(self, problem, control).at_start(), self.same)
+            return self.differing(problem, control)
         except (ValueError, StepFailure) as error:
             return f"{self.name} does not take the model: {error}"
 
@@ -67,12 +67,20 @@ class Adapter(Clocked):
         spent = seconds_of_processes() - before
         return replace(found, setup_time=found.setup_time + max(spent - found.cpu_time, 0.0)) if spent else found
 
+    def build(self, problem: Problem, control: StepControl) -> "Model":
+        """The engine's model."""
+        return Model(self, problem, control)
+
+    def differing(self, problem: Problem, control: StepControl) -> str | None:
+        """How the engine's model differs from ours, or None."""
+        return model_refusal(self.name, problem, self.build(problem, control).at_start(), self.same)
+
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
         """Why the options do not go with the problem, or None."""
         return None
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        model = Model(self, problem, control)
+        model = self.build(problem, control)
         model.clock = clock
         return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes(),
                      stretch=self.stretch, seconds=model.seconds)  # fmt: skip
@@ -114,7 +122,7 @@ class Model:
         nu = len(self.tree.start_velocity)
         found = {name: np.array(a, dtype=float) if isinstance(a, list | np.ndarray) else a
                  for name, a in self._made.at_start().items()}  # fmt: skip
-        found["constraints"] = found["constraints"].reshape(-1, nu)
+        found["constraints"] = found.get("constraints", self.tree.loop_jacobian()).reshape(-1, nu)
         given: dict[str, Any] = {"T": self.tree.jacobian(), "bias": self.tree.bias(self.problem.initial), **found}
         return EngineModel(**given)
 
