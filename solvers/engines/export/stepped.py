@@ -42,6 +42,16 @@ class Stepped(Adapter):
         """p of the model check."""
         return 1.0 / 3.0
 
+    @property
+    def allowed(self) -> float:
+        """Of the largest acceleration."""
+        return ALLOWED * self.eps ** (2.0 * self.power)
+
+    @property
+    def parts(self) -> int:
+        """Steps that make up h: many where rounding is in velocities, which a sum of them is free of."""
+        return 1
+
     def stiffest(self) -> "Stepped":
         """The settings of the model check: the same model, loops as stiff and iterations as many as sensible."""
         return self
@@ -51,11 +61,10 @@ class Stepped(Adapter):
 
     def differing(self, problem: Problem, control: StepControl) -> str | None:
         """A step from each state of the check."""
-        allowed = ALLOWED * self.eps ** (2.0 * self.power)
-        for which, state in _states(problem):
+        for which, state in check_states(problem):
             found = acceleration_errors(self.stiffest(), replace(problem, initial=state), self.eps**self.power)
-            if not found <= allowed:
-                words = f"accelerations {which} differ by {found:.3g} of the largest (allowed {allowed:.2g})"
+            if not found <= self.allowed:
+                words = f"accelerations {which} differ by {found:.3g} of the largest (allowed {self.allowed:.2g})"
                 return f"the model made for {self.name} is not that of {problem.name}: {words}"
         return None
 
@@ -86,12 +95,14 @@ def acceleration_errors(adapter: Stepped, problem: Problem, step: float) -> floa
 
 
 def _acceleration(adapter: Stepped, problem: Problem, h: float) -> Any:
-    model = adapter.build(problem, StepControl(dt=h))
-    after = model.states(model.advance(2, h))
-    return np.stack((after.v[1] - after.v[0], after.Omega[1] - after.Omega[0])) / h
+    n = adapter.parts
+    model = adapter.build(problem, StepControl(dt=h / n))
+    after = model.states(model.advance(2 * n, h / n))
+    return np.stack((after.v[-1] - after.v[n - 1], after.Omega[-1] - after.Omega[n - 1])) / h
 
 
-def _states(problem: Problem) -> Iterator[tuple[str, State]]:
+def check_states(problem: Problem) -> Iterator[tuple[str, State]]:
+    """The start, and its pose with two random velocities that the joints allow."""
     start, system = problem.initial, problem.system
     yield "at the start", start
     A = constraint_jacobian(system, start).toarray()

@@ -1,7 +1,7 @@
 """PyBullet's model and its steps (module ``export.protocol``).
 
-A base is a body that floats, or a fixed one without mass. A link's frame is at its joint, its axes those of the body;
-``inertial`` is the frame of C along the principal axes. Velocities of a base are (omega, v) in space.
+A base is a body that floats, or a fixed one without mass. A link's frame is at its joint; a ball joint turns the
+principal axes of its child. Velocities of a base are (omega, v) in space.
 """
 
 import importlib.metadata
@@ -30,7 +30,7 @@ class Model:
         ]
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check: its mass matrix, and forces by a step without constraints."""
+        """For the model check, by a step without constraints: its mass matrix knows no ball joints."""
         return self._found
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
@@ -44,16 +44,14 @@ class Model:
 
     def _measure(self) -> dict[str, Any]:
         self._build(cuts=False, default=False)
-        M = self._mass_matrix()
         bullet.setTimeStep(PROBE, self._server)
         found = []
         for u in (0.0 * self._velocity, self._velocity):
             self._set(self._start, u)
             bullet.stepSimulation(self._server)
             after = self._get()[len(self._start) :]
-            found.append(M @ ((after - u) / PROBE))
-        kinetic = 0.5 * float(self._velocity @ M @ self._velocity)
-        return {"mass_matrix": M, "rest_forces": found[0], "forces": found[1], "kinetic": kinetic, "potential": None}
+            found.append((after - u) / PROBE)
+        return {"rest_rates": found[0], "rates": found[1]}
 
     def _build(self, *, cuts: bool, default: bool) -> None:
         if hasattr(self, "_server"):
@@ -138,7 +136,8 @@ class Model:
             elif limb["kind"] == "HINGE":
                 bullet.resetJointState(body, link, x[0], v[0], physicsClientId=self._server)
             else:
-                bullet.resetJointStateMultiDof(body, link, np.roll(x[:4], -1), v[:3], physicsClientId=self._server)
+                turn, w = self._principal(limb["body"], np.roll(x[:4], -1)), self._frame[limb["body"]].T @ v[:3]
+                bullet.resetJointStateMultiDof(body, link, turn, w, physicsClientId=self._server)
 
     def _get(self) -> np.ndarray:
         nq = len(self._start)
@@ -156,33 +155,13 @@ class Model:
                 row[a], row[b] = bullet.getJointState(body, link, physicsClientId=self._server)[:2]
             else:
                 q, u = bullet.getJointStateMultiDof(body, link, physicsClientId=self._server)[:2]
-                row[a : a + 4], row[b : b + 3] = np.roll(q, 1), u
+                F = self._frame[limb["body"]]
+                row[a], row[a + 1 : a + 4], row[b : b + 3] = q[3], F @ q[:3], F @ u
         return row
 
-    def _mass_matrix(self) -> np.ndarray:
-        self._set(self._start, self._velocity)
-        M = np.zeros((len(self._velocity),) * 2)
-        for body in sorted({body for body, _ in self._at.values()}):
-            own = [x for x in self._data["limbs"] if self._at[x["body"]][0] == body]
-            floats, positions = own[0]["kind"] == "FREE", []
-            to = np.zeros((0, len(M)))
-            for limb in own:
-                at, x = limb["u_at"], self._start[limb["q_at"] :]
-                rows = np.zeros(({"FREE": 6, "HINGE": 1}.get(limb["kind"], 3), len(M)))
-                if limb["kind"] == "FREE":
-                    rows[:3, at + 3 : at + 6], rows[3:, at : at + 3] = limb["R"], np.eye(3)
-                else:
-                    positions += [x[0]] if limb["kind"] == "HINGE" else list(np.roll(x[:4], -1))
-                    rows[:, at : at + len(rows)] = np.eye(len(rows))
-                to = np.concatenate((to, rows))
-            if floats and not positions:
-                J = np.array(own[0]["R"]) @ np.array(own[0]["inertia"]) @ np.array(own[0]["R"]).T
-                theirs = np.diag([0.0] * 3 + [own[0]["mass"]] * 3)
-                theirs[:3, :3] = J  # it has no matrix for a body without joints
-            else:
-                theirs = np.array(bullet.calculateMassMatrix(body, positions, physicsClientId=self._server))
-            M += to.T @ theirs @ to
-        return M
+    def _principal(self, b: int, p: np.ndarray) -> np.ndarray:
+        """A turn (x, y, z, w) of a ball joint about the principal axes of its child, which are Bullet's."""
+        return np.append(self._frame[b].T @ p[:3], p[3])
 
     def _anchor(self, b: int) -> tuple[int, int]:
         if b != GROUND:
