@@ -2,7 +2,7 @@
 
 Discrete steps are of first order: a convex problem a step (sap; similar and lagged are newer approximations of contact
 in it) or TAMSI. Integrators are taken with fixed steps here, ``drake_adaptive`` is with error control. Loops are ball
-constraints of the convex steps, regularised by ``near_rigid``; a continuous plant and TAMSI do not hold them: refused.
+constraints of the convex steps, which it regularises; a continuous plant and TAMSI do not hold them: refused.
 With ``settings`` "default" the steps are those of a plant that nobody configured: lagged.
 """
 
@@ -29,7 +29,6 @@ class Drake(Adapter):
     """Drake's fixed steps, discrete or continuous."""
 
     integrator: str = option("runge_kutta3", "Drake's name of it, or of its discrete steps", choices=tuple(INTEGRATORS))
-    near_rigid: float = option(1.0, "regularisation of constraints, sap_near_rigid_threshold", at_least=0.0)
     settings: str = option("ours", "as above, or as of a plant that nobody configured", choices=("ours", "default"))
 
     inside: ClassVar[str] = "drake"
@@ -49,5 +48,6 @@ def loops_refusal(problem: Problem, integrator: str) -> str | None:
     """Why these steps do not hold the loops of a problem, or None."""
     if integrator in ("sap", "similar", "lagged") or not spanning_tree(problem.system, problem.initial).cuts:
         return None
-    kind = "TAMSI has no constraints" if integrator == "tamsi" else "its continuous plant ignores constraints"
+    why = {"tamsi": "TAMSI has no constraints", "cenic": "CENIC has no ball constraints"}
+    kind = why.get(integrator, "its continuous plant ignores constraints")
     return f"the system has loops, and {kind}: use sap, similar or lagged (integrator={integrator})"

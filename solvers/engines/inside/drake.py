@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, DiscreteContactApproximation
 from pydrake.multibody.tree import (
     BallRpyJoint,
     FixedOffsetFrame,
@@ -38,15 +38,15 @@ class Model:
 
     def __init__(self, data: dict[str, Any]) -> None:
         options = data["options"]
-        self._data, self._scheme, self._default = data, options["integrator"], options["settings"] == "default"
-        if self._default:
+        self._data, self._scheme, default = data, options["integrator"], options["settings"] == "default"
+        if default:
             self._scheme = "runge_kutta3" if data["dt"] is None else "lagged"
-        self._discrete, self.stopped = self._scheme in APPROXIMATIONS, ""
+        self._default, self._discrete, self.stopped = default, self._scheme in APPROXIMATIONS, ""
         try:
             self._assemble(data["dt"] or 0.0)
+            self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
         except RuntimeError as error:  # of its checks, e.g. an inertia that no body can have
-            raise ValueError(str(error)) from None
-        self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
+            raise ValueError(" ".join(str(error).split())) from None
         what = "discrete steps, approximation" if self._discrete else "integrator"
         held = "; its ball constraints are regularised" if data["cuts"] else ""
         self.notes = [f"{what} {self._scheme}{held}", f"drake {importlib.metadata.version('drake')}"]
@@ -96,7 +96,8 @@ class Model:
         new = t > began + NO_STEP * (dt or self._data["t_end"])
         if not dt and new.any() and t[-1] > self._data["t_end"] - NO_STEP * self._data["t_end"]:
             t[-1] = self._data["t_end"]
-        self._time = end if dt and not self.stopped else t[-1]
+        if new.any():
+            self._time = end if dt and not self.stopped else t[-1]
         return np.concatenate((t[new, None], x[new]), axis=1)
 
     def rows(self, made: np.ndarray) -> np.ndarray:
@@ -107,13 +108,10 @@ class Model:
     def _assemble(self, dt: float) -> None:
         data, self._dt = self._data, dt
         builder = DiagramBuilder()
-        plant = self._plant = builder.AddSystem(MultibodyPlant(dt if self._discrete else 0.0))
-        plant.set_name("plant")
+        plant = self._plant = AddMultibodyPlantSceneGraph(builder, dt if self._discrete else 0.0)[0]
         if self._discrete:
             approximation = getattr(DiscreteContactApproximation, APPROXIMATIONS[self._scheme])
             plant.set_discrete_contact_approximation(approximation)
-            if not self._default:
-                plant.set_sap_near_rigid_threshold(data["options"]["near_rigid"])
         plant.mutable_gravity_field().set_gravity_vector(np.array(data["gravity"]))
         self._bodies, self._joints = {GROUND: plant.world_body()}, []
         for limb in data["limbs"]:
