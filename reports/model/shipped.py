@@ -43,9 +43,9 @@ def contests(results: Results) -> list[Contest]:
     """Of problems with runs of both labels."""
     out = []
     for variant in results.variants:
-        runs = [c for label in (SHIPPED, TUNED) for c in variant.labels.get(label, ())]
+        runs = [c for label in (SHIPPED, TUNED) for c in variant.labels().get(label, ())]
         measure = measure_for(runs)
-        if measure is None or not variant.labels.get(SHIPPED):
+        if measure is None or not variant.labels().get(SHIPPED):
             continue
         contest = Contest(variant, measure, ())
         pairs = [_pair(contest, who, own) for who, own in grouped(runs, contestant).items()]

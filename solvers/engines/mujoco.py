@@ -8,10 +8,10 @@ MuJoCo's constraints are soft: a row follows
 with a_0 its acceleration without the constraint: a gap of about (1 - d) a_0 T^2 stays, so that with T = 2 dt errors
 fall with dt^2 whatever the integrator. Trees have no such rows, and their motion has the order of the integrator.
 Contacts and automatic resets are off; springs are tendons, torsional springs about a hinge are those of its joint.
-With ``settings`` "default" integrator, solref, solimp and constraint solver are those that MuJoCo ships; only the step is
-ours (its own is 0.002 s). Its treatment of free bodies has no option: implicitfast, implicit and discrete take their
-gyroscopic terms implicitly, Euler does not. With ``settings`` "file" integrator, solref and solimp are those of the MJCF file that the problem was read from, at its
-timestep: what its author runs.
+With ``settings`` "default" integrator, solref, solimp and constraint solver are those that MuJoCo ships; only the step
+is ours (its own is 0.002 s). Its treatment of free bodies has no option: implicitfast, implicit and discrete take their
+gyroscopic terms implicitly, Euler does not. With ``settings`` "file" integrator, solref and solimp are those of the
+MJCF file that the problem was read from, at its timestep: what its author runs.
 """
 
 import math
@@ -55,7 +55,8 @@ class MuJoCo(Clocked):
         2.0, "time constant of the soft constraints, in steps; MuJoCo allows no less than 2", at_least=2.0
     )
     settings: str = option(
-        "ours", "integrator and loops: as above, as MuJoCo ships them, or as in the problem's MJCF file",
+        "ours",
+        "integrator and loops: as above, as MuJoCo ships them, or as in the problem's file",
         choices=("ours", "default", "file"),
     )
     impedance: float = option(

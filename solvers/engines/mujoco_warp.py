@@ -11,7 +11,6 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
-from ...harness.types import Problem, StepControl
 from .export.protocol import Adapter
 from .export.stepped import ALLOWED, SINGLE
 
@@ -32,16 +31,12 @@ class MuJoCoWarp(Adapter):
     package: ClassVar[str] = "mujoco_warp"
     wheel: ClassVar[str] = "mujoco-warp"
     kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
+    springs: ClassVar[bool] = False
     torsions: ClassVar[bool] = False
     same: ClassVar[float] = ALLOWED * SINGLE ** (2.0 / 3.0)
-    stretch: ClassVar[int] = 500
+    stretch: ClassVar[int] = 200
 
     @property
     def order(self) -> float:
         """Of its steps, while single precision does not show."""
         return INTEGRATORS[self.integrator if self.settings == "ours" else "Euler"]
-
-    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
-        if len(problem.system.spring_k):
-            return f"springs are not handed to MuJoCo Warp; the system has {len(problem.system.spring_k)}"
-        return None

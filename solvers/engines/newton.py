@@ -18,7 +18,8 @@ from .export.tree import spanning_tree
 
 SOLVERS = ("Featherstone", "MuJoCo", "XPBD", "Kamino")
 MUJOCO = ("euler", "implicitfast", "rk4")
-MANY = 200  # iterations at the model check
+LOOPS = 0.99  # impedance at the model check: in single precision stiffer loops diverge
+MANY = 100  # iterations at the model check
 
 
 @solver("newton")
@@ -42,8 +43,9 @@ class Newton(Stepped):
     package: ClassVar[str] = "newton"
     wheel: ClassVar[str] = "newton"
     kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
+    springs: ClassVar[bool] = False
     torsions: ClassVar[bool] = False
-    stretch: ClassVar[int] = 500
+    stretch: ClassVar[int] = 50
 
     @property
     def order(self) -> float:
@@ -60,7 +62,7 @@ class Newton(Stepped):
         """Of the largest acceleration; MuJoCo's loops are soft, XPBD's accelerations are known to a quarter only."""
         if self.solver == "XPBD":
             return 0.25
-        return 2.0 * (1.0 - self.impedance) if self.solver == "MuJoCo" else super().allowed
+        return 10.0 * (1.0 - LOOPS) if self.solver == "MuJoCo" else super().allowed
 
     @property
     def parts(self) -> int:
@@ -68,11 +70,9 @@ class Newton(Stepped):
 
     def stiffest(self) -> "Newton":
         """The same model without the damping of a default, its iterations many."""
-        return replace(self, settings="ours", iterations=MANY, max_iterations=MANY, alpha=0.0)
+        return replace(self, settings="ours", iterations=MANY, max_iterations=MANY, alpha=0.0, impedance=LOOPS)
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
-        if len(problem.system.spring_k):
-            return f"springs between points are not handed to Newton; the system has {len(problem.system.spring_k)}"
         if self.solver == "Featherstone" and spanning_tree(problem.system, problem.initial).cuts:
             return "the system has loops, and Newton's Featherstone ignores them: use solver=MuJoCo, XPBD or Kamino"
         return None

@@ -1,8 +1,8 @@
 """PyBullet: Bullet's multibody in joint coordinates, semi-implicit Euler, stepped one by one.
 
-A tree of ``export.tree``; points of cut joints are point-to-point constraints, solved by impulses. The motors that every
-joint has at first are off. With ``settings`` "default" the damping of 0.04 that every body has, the limit of 100 rad/s of
-a joint, and the iterations are as PyBullet ships them.
+A tree of ``export.tree``; points of cut joints are point-to-point constraints, solved by impulses. The motors that
+every joint has at first are off. With ``settings`` "default" the damping of 0.04 that every body has, the limit of
+100 rad/s of a joint, and the iterations are as PyBullet ships them.
 """
 
 from dataclasses import dataclass, replace
@@ -29,6 +29,7 @@ class PyBullet(Adapter):
     package: ClassVar[str] = "pybullet"
     wheel: ClassVar[str] = "pybullet"
     kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
+    springs: ClassVar[bool] = False
     torsions: ClassVar[bool] = False
     stretch: ClassVar[int] = 2_000
     order: ClassVar[float] = 1.0
@@ -38,8 +39,3 @@ class PyBullet(Adapter):
         reasons = (super(PyBullet, self).differing(replace(problem, initial=state), control)
                    for _, state in check_states(problem))  # fmt: skip
         return next((reason for reason in reasons if reason is not None), None)
-
-    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
-        if len(problem.system.spring_k):
-            return f"PyBullet has no springs between points; the system has {len(problem.system.spring_k)}"
-        return None

@@ -44,6 +44,6 @@ def _plot(contest: Contest, site: Site) -> Plot:
         f"engines-{contest.variant.slug}", f"{measure.what[0].upper()}{measure.what[1:]} as shipped and tuned",
         "Each line leads from a contestant as shipped to its best settings. Cross: wrong.",
         Axis("CPU time", "s", log=True), Axis(measure.what, measure.unit, log=True), traces,
-        finding=f"{contest.variant.title}: {shipped} of {plural(len(contest.pairs), 'contestant')} {within} as shipped, "
-        f"{tuned} tuned",
+        finding=f"{contest.variant.title}: {within} as shipped {shipped} of "
+        f"{plural(len(contest.pairs), 'contestant')}, tuned {tuned}",
     )  # fmt: skip

@@ -74,9 +74,9 @@ class Model:
     def _made(self, kind: Any, options: dict[str, Any], dt: float) -> Any:
         solver = kind(self._model, **_settings(self._name, options))
         if self._name == "MuJoCo" and options["settings"] == "ours" and solver.mjw_model.neq:
-            loops, d = solver.mjw_model, options["impedance"]
-            loops.eq_solref.assign(np.broadcast_to([options["time_constant"] * dt, 1.0], loops.eq_solref.shape + (2,)))
-            loops.eq_solimp.assign(np.broadcast_to([d, d, 1e-3, 0.5, 2.0], loops.eq_solimp.shape + (5,)))
+            loops, T, d = solver.mjw_model, options["time_constant"] * dt, options["impedance"]
+            loops.eq_solref.assign(np.broadcast_to([T, 1.0], (*loops.eq_solref.shape, 2)))
+            loops.eq_solimp.assign(np.broadcast_to([d, d, 1e-3, 0.5, 2.0], (*loops.eq_solimp.shape, 5)))
         return solver
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
