@@ -34,9 +34,10 @@ class Contest:
         """Its error; NaN for a run that is missing or did not reach the end."""
         return self.measure.of(run) if run is not None and run.status in SOUND else math.nan
 
-    def reached(self, runs: Sequence[Run | None]) -> int:
-        """How many are within the target."""
-        return sum(self.error(run) <= TARGET for run in runs)
+    def reached(self, runs: Sequence[Run | None]) -> tuple[int, int]:
+        """How many are within the target, of how many that were run and not refused."""
+        made = [run for run in runs if run is not None and run.status != "refused"]
+        return sum(self.error(run) <= TARGET for run in made), len(made)
 
 
 def contests(results: Results) -> list[Contest]:

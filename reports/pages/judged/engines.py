@@ -4,7 +4,7 @@ import numpy as np
 
 from ...model.results import Results
 from ...model.shipped import TARGET, Contest, contests
-from ...model.words import decade, plural
+from ...model.words import decade
 from ...plots.spec import Axis, Plot, Trace, end_of
 from ..base import Page, Site
 
@@ -15,12 +15,13 @@ def write(results: Results, site: Site) -> Page | None:
     if not found:
         return None
     plots = [_plot(c, site) for c in found]
-    pairs = sum(len(c.pairs) for c in found)
-    shipped, tuned = (sum(c.reached([getattr(p, which) for p in c.pairs]) for c in found)
+    shipped, tuned = (np.sum([c.reached([getattr(p, which) for p in c.pairs]) for c in found], axis=0)
                       for which in ("shipped", "best"))  # fmt: skip
-    title = f"As shipped, {shipped} of {pairs} contestants come within {decade(TARGET)} m or rad; tuned, {tuned} do"
+    within = f"within {decade(TARGET)} m or rad"
+    title = f"As shipped, {shipped[0]} of {shipped[1]} come {within}; tuned, {tuned[0]} of {tuned[1]}"
     return site.write(
         Page("Engines", "engines.html", nav=True, order=31), "engines.html", plots=plots, title=title, target=TARGET,
+        hidden=frozenset({"settings", "solver"}),
         contests=list(zip(found, plots, strict=True)),
     )  # fmt: skip
 
@@ -44,6 +45,6 @@ def _plot(contest: Contest, site: Site) -> Plot:
         f"engines-{contest.variant.slug}", f"{measure.what[0].upper()}{measure.what[1:]} as shipped and tuned",
         "Each line leads from a contestant as shipped to its best settings. Cross: wrong.",
         Axis("CPU time", "s", log=True), Axis(measure.what, measure.unit, log=True), traces,
-        finding=f"{contest.variant.title}: {within} as shipped {shipped} of "
-        f"{plural(len(contest.pairs), 'contestant')}, tuned {tuned}",
+        finding=f"{contest.variant.title}: {within} as shipped {shipped[0]} of {shipped[1]}, "
+        f"tuned {tuned[0]} of {tuned[1]}",
     )  # fmt: skip

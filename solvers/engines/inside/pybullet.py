@@ -20,6 +20,7 @@ class Model:
 
     def __init__(self, data: dict[str, Any]) -> None:
         self._data, self._default, self.stopped = data, data["options"]["settings"] == "default", ""
+        self._server, self._ground = -1, (-1, -1)
         self._start, self._velocity = np.array(data["start"]), np.array(data["start_velocity"])
         self._found = self._measure()
         self._build(cuts=True, default=self._default)
@@ -54,7 +55,7 @@ class Model:
         return {"rest_rates": found[0], "rates": found[1]}
 
     def _build(self, *, cuts: bool, default: bool) -> None:
-        if hasattr(self, "_server"):
+        if self._server >= 0:
             bullet.disconnect(self._server)
         self._server = server = bullet.connect(bullet.DIRECT)
         bullet.setGravity(*self._data["gravity"], physicsClientId=server)
@@ -166,7 +167,7 @@ class Model:
     def _anchor(self, b: int) -> tuple[int, int]:
         if b != GROUND:
             return self._at[b]
-        if not hasattr(self, "_ground") or self._ground[0] != self._server:
+        if self._ground[0] != self._server:
             self._ground = self._server, bullet.createMultiBody(baseMass=0.0, physicsClientId=self._server)
         return self._ground[1], -1
 
