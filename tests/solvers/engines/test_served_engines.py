@@ -19,6 +19,7 @@ from mbsbench.solvers.engines.export.model_check import differences
 from ..runs import error, orders, run
 from .systems import PROBLEMS
 from .test_engines import PACKAGES, without_springs
+from .test_single_precision import WHEELS
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def engine(request):
 
 
 def test_every_engine_is_tested():
-    assert {*SERVED, *PACKAGES, "drake_adaptive", "cvode"} == set(engines())
+    assert {*SERVED, *PACKAGES, *WHEELS, "drake_adaptive", "cvode"} == set(engines())
 
 
 @pytest.mark.parametrize("name", SERVED)

@@ -1,0 +1,27 @@
+"""As shipped and tuned: the best is the cheapest run within the target, else the most accurate one."""
+
+import math
+
+from mbsbench.reports import site
+from mbsbench.reports.model.results import read_results
+from mbsbench.reports.model.shipped import SHIPPED, TUNED, contests
+
+from .conftest import put, record
+
+
+def test_the_best_is_the_cheapest_within_the_target(tmp_path):
+    """One contestant reaches 1e-3 twice, one never, one is refused as shipped and counts in neither sum."""
+    for k, (solver, label, error, cpu) in enumerate((
+        ("alpha", SHIPPED, 0.1, 1.0), ("alpha", TUNED, 1e-5, 4.0), ("alpha", TUNED, 5e-4, 2.0),
+        ("beta", SHIPPED, 0.2, 1.0), ("beta", TUNED, 0.05, 9.0),
+    )):  # fmt: skip
+        put(tmp_path, record(f"run{k}", solver, label=label, dt_s=0.1 / 2**k, position_error_max_m=error,
+                             cpu_median_s=cpu))  # fmt: skip
+    put(tmp_path, record("no", "gamma", "refused", label=SHIPPED, position_error_max_m=math.nan))
+    (contest,) = contests(read_results(tmp_path))
+    best = {pair.who: pair.best.record.cpu_median_s for pair in contest.pairs}
+    assert (best["alpha"], best["beta"]) == (2.0, 9.0)
+    assert contest.reached([p.shipped for p in contest.pairs]) == (0, 2)
+    assert contest.reached([p.best for p in contest.pairs]) == (1, 2)
+    page = (site.build(tmp_path).parent / "engines.html").read_text()
+    assert "As shipped, 0 of 2 come within 0.001 m or rad; tuned, 1 of 2" in page

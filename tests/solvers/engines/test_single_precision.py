@@ -1,0 +1,101 @@
+"""Engines that hand out no mass matrix, in single precision or stepped: their model check, their orders, loops."""
+
+import importlib.util
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.motion import constraint
+from mbsbench.harness.types import Status, StepControl
+from mbsbench.solvers.engines.export import process, protocol
+from mbsbench.solvers.engines.newton import Newton
+
+from .systems import PROBLEMS
+from .test_engines import without_springs
+
+WHEELS = {"newton": "newton", "mujoco_warp": "mujoco-warp", "pybullet": "pybullet"}
+SETTINGS = {  # name and options, and the inertia's share that its check must notice
+    "featherstone": ("newton", {"solver": "Featherstone"}, 0.05),
+    "newton_mujoco": ("newton", {"solver": "MuJoCo"}, 2.0),
+    "kamino": ("newton", {"solver": "Kamino"}, 0.05),
+    "xpbd": ("newton", {"solver": "XPBD"}, 50.0),
+    "mujoco_warp": ("mujoco_warp", {}, 0.05),
+    "pybullet": ("pybullet", {}, 1e-8),
+}
+PENDULUM = "spherical_pendulum", {"omega_x": 5.0, "omega_z": 3.0, "t_end": 0.2}
+CONTROL = StepControl(dt=1e-3)
+
+
+def needs(name):
+    absent = process.environment_of(name) is None and importlib.util.find_spec(name) is None
+    return pytest.mark.skipif(absent, reason=f"{WHEELS[name]} is an optional extra: make test-engines")
+
+
+@pytest.fixture(params=[pytest.param(key, marks=needs(value[0])) for key, value in SETTINGS.items()])
+def settings(request):
+    """An installed engine with options."""
+    return SETTINGS[request.param]
+
+
+@pytest.mark.parametrize("name", WHEELS)
+def test_without_the_package_it_refuses_with_the_remedy(name, monkeypatch):
+    """A refusal is a result, in one line."""
+    monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr(protocol, "environment_of", lambda inside: None)
+    said = make_solver(name).refuses(make_problem("heavy_top"), CONTROL)
+    assert said == f"{WHEELS[name]} is not installed: pip install 'mbsbench[engines]'"
+
+
+def test_its_model_is_ours_and_a_planted_inertia_is_not(settings, monkeypatch):
+    """Tilted inertias on a tree; what is planted is in what the engine is given, not in the problem."""
+    name, options, share = settings
+    problem = make_problem(*PENDULUM)
+    assert make_solver(name, options).refuses(problem, CONTROL) is None
+    right = protocol.plain
+
+    def planted(tree, system, start):
+        return right(tree, replace(system, inertia=(1.0 + share) * system.inertia), start)
+
+    monkeypatch.setattr(protocol, "plain", planted)
+    said = make_solver(name, options).refuses(problem, CONTROL)
+    assert said is not None and "is not that of spherical_pendulum" in said
+
+
+def test_loops_of_tilted_bodies_are_ours(settings):
+    """A chain of spherical and revolute joints in a loop passes the check and stays closed, or is refused in words."""
+    name, options, _ = settings
+    problem = without_springs(PROBLEMS["closed_chain"]())
+    said = make_solver(name, options).refuses(problem, CONTROL)
+    if options.get("solver") in ("Featherstone", "XPBD"):  # one ignores loops, the other's accelerations are too rough
+        assert said is not None and ("the system has loops" in said or "accelerations" in said)
+        return
+    assert said is None
+    t = make_solver(name, options).solve(replace(problem, t_end=0.02), CONTROL)
+    assert t.status is Status.SUCCESS, t.message
+    assert np.max(np.abs(constraint(problem.system, t.states))) < 0.02
+
+
+def test_errors_halve_with_the_step(settings):
+    """First order, or so small that single precision shows."""
+    name, options, _ = settings
+    p, errors = make_problem(*PENDULUM), []
+    for dt in (4e-3, 2e-3):
+        t = make_solver(name, options).solve(p, StepControl(dt=dt))
+        assert t.status is Status.SUCCESS, t.message
+        errors.append(np.max(np.abs(t.states.r - p.reference().states(t.t).r)))
+    assert errors[1] < 0.6 * errors[0] or errors[1] < 1e-4
+
+
+@needs("newton")
+def test_unequal_relaxations_move_another_body():
+    """XPBD's 0.7 for forces and 0.4 for torques of one joint: no step is short enough; equal ones converge."""
+    p, errors = make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 0.2}), {}
+    for options in ({"settings": "default"}, {}):
+        for dt in (4e-3, 2e-3):
+            t = Newton(solver="XPBD", **options).solve(p, StepControl(dt=dt))
+            errors[bool(options), dt] = np.max(np.abs(t.states.r - p.reference().states(t.t).r))
+    assert errors[False, 2e-3] < 0.6 * errors[False, 4e-3]
+    assert errors[True, 2e-3] > 0.9 * errors[True, 4e-3]
