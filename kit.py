@@ -1,6 +1,6 @@
 """``mbsbench.kit``: an engine's own tests step its model of our problems and get pass or fail.
 
-``kit.check(case, motion, order=..., precision=...)`` for each of ``kit.CASES``; docs/your-own-engine.md has examples.
+``kit.check(case, motion, order=..., precision=...)`` for each of ``kit.CASES``; docs/engines.md says how.
 """
 
 from .harness.kit.cases import CASES

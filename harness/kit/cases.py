@@ -3,20 +3,23 @@
 Of the bar, J theta'' + c theta' + k theta = a sin(w t), the motion is a formula.
 """
 
+import dataclasses
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.catalogue import registry
 from ...problems.exact import planar
 from ...problems.exact.closed_form import ClosedForm
+from ..catalogue import registry
 from ..catalogue.options import nearest
-from ..mechanics.state import States
+from ..mechanics import so3
+from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, Joint, Load, TorsionSpring, assemble
 from ..mechanics.time_functions import TimeFunction
-from ..types import Problem
+from ..types import Problem, Reference
 
 FREE: dict[str, Any] = {"gravity": 0.0, "velocity": (0.0, 0.0, 0.0), "t_end": 2.0}
 LOOP: dict[str, Any] = {"rows": 1, "columns": 1, "axial_inertia": 0.01, "t_end": 1.0}
@@ -26,6 +29,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "spin_sphere": ("free_body", {**FREE, "sides": (0.4, 0.4, 0.4), "omega": (1.0, 4.0, 2.0)}),
     "spin_symmetric": ("free_body", {**FREE, "sides": (0.4, 0.4, 0.2), "omega": (1.0, 2.0, 4.0)}),
     "spin_asymmetric": ("free_body", {**FREE, "omega": (0.05, 6.0, 0.1)}),
+    "spin_products": ("free_body", {**FREE, "omega": (3.0, 4.0, 2.0)}),  # in axes that are not principal: ``_reframe``
     "pendulum": ("simple_pendulum", {"gyration": 0.3, "t_end": 2.0}),
     "ball_pendulum": ("spherical_pendulum", {"omega_x": 5.0, "omega_z": 3.0, "t_end": 2.0}),
     "top": ("heavy_top", {"t_end": 1.0}),
@@ -47,7 +51,48 @@ def make_case(name: str) -> Problem:
     if name not in CASES:
         raise ValueError(f"unknown case {name!r}{nearest(name, list(CASES))}; there are {', '.join(CASES)}")
     problem, parameters = CASES[name]
-    return registry.make_problem(problem, parameters) if problem else _hinge(name, **parameters)
+    if not problem:
+        return _hinge(name, **parameters)
+    made = registry.make_problem(problem, parameters)
+    return _reframe(made, so3.exp(np.array(TURNED))) if name == "spin_products" else made
+
+
+@dataclass(frozen=True)
+class Reframed:
+    """A motion of one body in body axes Q."""
+
+    own: Reference
+    Q: Float[np.ndarray, "3 3"]
+
+    @property
+    def route(self) -> str:
+        """That in the own axes."""
+        return self.own.route
+
+    @property
+    def horizon(self) -> float:
+        """That in the own axes [s]."""
+        return self.own.horizon
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        """The motion at ``t`` [s]."""
+        s = self.own.states(t)
+        return States(s.r, s.R @ self.Q, s.v, s.Omega @ self.Q, t)
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """That in the own axes [m]."""
+        return self.own.error(t)
+
+
+def _reframe(p: Problem, Q: Float[np.ndarray, "3 3"]) -> Problem:
+    """The same motion of one free body, whose inertia then has products."""
+    own, start = p.reference(), p.initial
+    assert own is not None
+    system = dataclasses.replace(p.system, inertia=Q.T @ p.system.inertia @ Q)
+    turned = State(start.r, start.R @ Q, start.v, start.Omega @ Q)
+    return dataclasses.replace(
+        p, system=system, initial=turned, observables=(), invariants=(), reference_from=lambda _: Reframed(own, Q)
+    )
 
 
 def _hinge(name: str, torque: float) -> Problem:

@@ -1,8 +1,8 @@
 """How a relative change of a problem's numbers grows along its exact motion: the floor below which no code is at fault.
 
-Masses, inertias, points, axes, springs, gravity, the start and the time are changed at random, each number by its own
-draw; both motions are integrated alike, so that the errors of the integration cancel in their difference. Points and axes
-of redundant joints stay: changed, they fit no start. Rounded poses open joints by the size of the poses, which is added.
+Masses, inertias, points, axes, springs, gravity, start and time change at random, each number by its own draw. Both
+motions are integrated alike, so that the errors of the integration cancel in their difference. Points and axes of
+redundant joints stay: changed, they fit no start. Rounded poses open joints by the size of the poses, which is added.
 """
 
 import dataclasses

@@ -29,6 +29,11 @@ class Model:
     problem: Problem
     dt: float  # [s] the step to take
 
+    @property
+    def bodies(self) -> int:
+        """Number of bodies."""
+        return self.problem.system.nb
+
     @cached_property
     def numbers(self) -> dict[str, Any]:
         """What ``mbsbench export`` writes: masses, inertias, joints, start (docs/your-own-solver.md)."""
@@ -39,6 +44,31 @@ class Model:
         """Joint coordinates: ``limbs`` from the ground outwards, ``cuts`` that close loops, start and velocities."""
         system, start = self.problem.system, self.problem.initial
         return plain(spanning_tree(system, start), system, start)
+
+    @cached_property
+    def links(self) -> list[dict[str, Any]]:
+        """Bodies from the ground outwards, each with a frame at its joint that is parallel to the body at the start.
+
+        ``body``, ``parent`` (-1: the ground), ``kind`` (HINGE, SLIDE, BALL, FREE and others), ``axes``; ``at``, ``R_0``:
+        the frame in that of the parent; ``centre``: C in it; ``mass``, ``inertia`` about C; ``speed``: velocities of
+        the joint, of a free body v and omega, in the frame. Of a free body the frame is at C.
+        """
+        arms, out, u = {GROUND: np.zeros(3)}, [], self.tree["start_velocity"]
+        for x in self.tree["limbs"]:
+            free, own = x["kind"] == FREE, u[x["u_at"] : x["u_at"] + Kind[x["kind"]].nu]
+            arms[x["body"]] = np.zeros(3) if free else np.array(x["s_child"])
+            speed = np.concatenate((x["R"].T @ own[:3], own[3:])) if free else own.copy()
+            at = np.array(x["r"]) if free else x["s_parent"] - arms[x["parent"]]
+            kept = {k: x[k] for k in ("body", "parent", "kind", "mass")}
+            out.append({**kept, "axes": [np.array(axis) for _, axis in x["moves"]], "at": at, "R_0": np.array(x["R_0"]),
+                        "centre": -arms[x["body"]], "inertia": np.array(x["inertia"]), "speed": speed})  # fmt: skip
+        return out
+
+    @cached_property
+    def loops(self) -> list[tuple[int, np.ndarray, int, np.ndarray]]:
+        """Points that coincide and close loops: body, point in the frame of ``links``; body, point."""
+        centre = {GROUND: np.zeros(3)} | {x["body"]: x["centre"] for x in self.links}
+        return [(c["i"], c["s_i"] + centre[c["i"]], c["j"], c["s_j"] + centre[c["j"]]) for c in self.tree["cuts"]]
 
     def torques(self, t: float) -> Float[np.ndarray, "nb 3"]:
         """Applied torques [N m, space] at ``t`` [s]; no case has forces."""
@@ -100,33 +130,30 @@ class Model:
 
     @cached_property
     def urdf(self) -> str:
-        """URDF of the tree, joints called as their bodies, ``spherical`` as Bullet reads it; loops are ``tree``'s cuts."""
-        limbs, top = self.tree["limbs"], ET.Element("robot", name=self.name)
+        """URDF of the tree, with the joint ``spherical`` of Bullet; joints bear the names of their bodies."""
+        top = ET.Element("robot", name=self.name)
         if self.problem.system.torsion_k.size or self.tree["springs"]:
             raise ValueError(f"{self.name}: URDF has no springs; use the numbers or the MJCF")
         if not self.floats:
             ET.SubElement(top, "link", name="ground")
-        arms = {GROUND: np.zeros(3)} | {x["body"]: np.zeros(3) if x["kind"] == FREE else x["s_child"] for x in limbs}
-        for limb in limbs:
-            b, p = limb["body"], limb["parent"]
-            link = ET.SubElement(top, "link", name=f"body{b}")
-            inertial = ET.SubElement(link, "inertial")
-            ET.SubElement(inertial, "origin", xyz=_text(-arms[b]))
-            ET.SubElement(inertial, "mass", value=_text([limb["mass"]]))
-            J = {f"i{'xyz'[m]}{'xyz'[n]}": _text([limb["inertia"][m, n]]) for m in range(3) for n in range(m, 3)}
-            ET.SubElement(inertial, "inertia", **J)
-            if limb["kind"] == FREE:
+        for x in self.links:
+            name = f"body{x['body']}"
+            inertial = ET.SubElement(ET.SubElement(top, "link", name=name), "inertial")
+            ET.SubElement(inertial, "origin", xyz=_text(x["centre"]))
+            ET.SubElement(inertial, "mass", value=_text([x["mass"]]))
+            J = {f"i{'xyz'[m]}{'xyz'[n]}": _text([x["inertia"][m, n]]) for m in range(3) for n in range(m, 3)}
+            ET.SubElement(inertial, "inertia", J)
+            if x["kind"] == FREE:
                 continue
             kinds = {Kind.HINGE.name: "continuous", Kind.SLIDE.name: "prismatic", Kind.BALL.name: "spherical"}
-            if limb["kind"] not in kinds:
-                raise ValueError(f"{self.name}: URDF has no {limb['kind'].lower()} joint; use the numbers or the MJCF")
-            joint = ET.SubElement(top, "joint", name=f"body{b}", type=kinds[limb["kind"]])
-            ET.SubElement(joint, "parent", link="ground" if p == GROUND else f"body{p}")
-            ET.SubElement(joint, "child", link=f"body{b}")
-            rpy = Rotation.from_matrix(limb["R_0"]).as_euler("xyz")
-            ET.SubElement(joint, "origin", xyz=_text(limb["s_parent"] - arms[p]), rpy=_text(rpy))
-            for _, axis in limb["moves"]:
-                ET.SubElement(joint, "axis", xyz=_text(axis))
+            if x["kind"] not in kinds:
+                raise ValueError(f"{self.name}: URDF has no {x['kind'].lower()} joint; use the numbers or the MJCF")
+            joint = ET.SubElement(top, "joint", name=name, type=kinds[x["kind"]])
+            ET.SubElement(joint, "parent", link="ground" if x["parent"] == GROUND else f"body{x['parent']}")
+            ET.SubElement(joint, "child", link=name)
+            rpy = Rotation.from_matrix(x["R_0"]).as_euler("xyz", suppress_warnings=True)
+            ET.SubElement(joint, "origin", xyz=_text(x["at"]), rpy=_text(rpy))
+            ET.SubElement(joint, "axis", xyz=_text(x["axes"][0] if x["axes"] else (1.0, 0.0, 0.0)))
         return ET.tostring(top, encoding="unicode")
 
 

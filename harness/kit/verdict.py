@@ -2,10 +2,10 @@
 
 What a law may show at time t is the sum of three parts::
 
-    u (3 + n) growth(t)               rounding: u = 2^-24 or 2^-53 of all numbers given (three standard deviations), and of
-                                      the state once in each of n steps, carried along the exact motion (``conditioning``)
-    2 max |x_dt - x_dt/2| / (2^p - 1) the step: Richardson's estimate for order p, doubled for the next term
-    the reference's own error, and the rounding of this evaluation in float64
+    rounding   u (3 + n) growth(t): u = 2^-24 or 2^-53 of all numbers given (three standard deviations), and of the
+               state once in each of n steps, carried along the exact motion (module ``conditioning``)
+    step       2 max |x_dt - x_dt/2| / (2^p - 1): Richardson's estimate for order p, doubled for the next term
+    reference  its stated error, and the rounding of this evaluation in float64
 
 An error that does not fall with the step as the order promises passes none of these. Beyond, the motion at the half
 step must be one that the referee calls a success.
@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import States
@@ -90,14 +89,23 @@ def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: 
     if len(rows) < steps + 1:
         raise EngineFailure(f"{case}: steps: expected the start and {steps} steps, got {len(rows)} rows")
     shapes = [a.shape for a in rows[0]]
-    if len(shapes) != 4 or shapes[0] != (nb, 3) or shapes[1] not in ((nb, 4), (nb, 3, 3)) or shapes[2:] != [(nb, 3)] * 2:
+    if (
+        len(shapes) != 4
+        or shapes[0] != (nb, 3)
+        or shapes[1] not in ((nb, 4), (nb, 3, 3))
+        or shapes[2:] != [(nb, 3)] * 2
+    ):
         expected = f"({nb}, 3), ({nb}, 4) or ({nb}, 3, 3), ({nb}, 3), ({nb}, 3)"
         raise EngineFailure(f"{case}: shapes of r, q, v, omega: expected {expected}, got {shapes}")
     r, q, v, omega = (np.stack(part) for part in zip(*rows, strict=True))
     finite = np.isfinite(np.concatenate([a.reshape(len(t), -1) for a in (r, q, v, omega)], axis=1)).all(axis=1)
     if not np.all(finite):
         raise EngineFailure(_describe(case, Reason(Law.FINITE, time_s=float(t[np.argmin(finite)]))))
-    R = q if q.ndim == 4 else Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).as_matrix().reshape(len(t), nb, 3, 3)
+    R = (
+        q
+        if q.ndim == 4
+        else Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).as_matrix().reshape(len(t), nb, 3, 3)
+    )
     found = States(r, R, v, np.einsum("tbji,tbj->tbi", R, omega), t)
     start = problem.initial
     for name in ("r", "R", "v", "Omega"):
@@ -174,5 +182,3 @@ def _describe(case: str, r: Reason) -> str:
         return f"{case}: {words}: expected finite numbers, got others{when}"
     unit = f" {r.unit}" if r.unit else ""
     return f"{case}: {words}: off by {r.value:.3g}{unit}, allowed {r.limit:.2g}{unit}{when}"
-
-
