@@ -1,0 +1,53 @@
+"""Drake: joint coordinates of a tree, discrete steps or integrators of its continuous plant, its own compiled loop.
+
+Discrete steps are of first order: a convex problem a step (sap; similar and lagged are newer approximations of contact
+in it) or TAMSI. Integrators are taken with fixed steps here, ``drake_adaptive`` is with error control. Loops are ball
+constraints of the convex steps, which it regularises; a continuous plant and TAMSI do not hold them: refused.
+With ``settings`` "default" the steps are those of a plant that nobody configured: lagged.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.types import Problem, StepControl
+from .export.protocol import Adapter
+from .export.tree import spanning_tree
+
+DISCRETE = ("sap", "similar", "lagged", "tamsi")
+INTEGRATORS = {
+    "runge_kutta3": 3.0, "runge_kutta5": 5.0, "runge_kutta2": 2.0, "bogacki_shampine3": 3.0, "explicit_euler": 1.0,
+    "semi_explicit_euler": 1.0, "implicit_euler": 1.0, "velocity_implicit_euler": 1.0, "radau1": 1.0, "radau3": 3.0,
+    "cenic": 1.0, **dict.fromkeys(DISCRETE, 1.0),
+}  # fmt: skip
+
+
+@solver("drake")
+@dataclass(frozen=True)
+class Drake(Adapter):
+    """Drake's fixed steps, discrete or continuous."""
+
+    integrator: str = option("runge_kutta3", "Drake's name of it, or of its discrete steps", choices=tuple(INTEGRATORS))
+    settings: str = option("ours", "as above, or as of a plant that nobody configured", choices=("ours", "default"))
+
+    inside: ClassVar[str] = "drake"
+    package: ClassVar[str] = "pydrake"
+    wheel: ClassVar[str] = "drake"
+
+    @property
+    def order(self) -> float:
+        """Of its steps."""
+        return 1.0 if self.settings == "default" else INTEGRATORS[self.integrator]
+
+    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+        return loops_refusal(problem, "lagged" if self.settings == "default" else self.integrator)
+
+
+def loops_refusal(problem: Problem, integrator: str) -> str | None:
+    """Why these steps do not hold the loops of a problem, or None."""
+    if integrator in ("sap", "similar", "lagged") or not spanning_tree(problem.system, problem.initial).cuts:
+        return None
+    why = {"tamsi": "TAMSI has no constraints", "cenic": "CENIC has no ball constraints"}
+    kind = why.get(integrator, "its continuous plant ignores constraints")
+    return f"the system has loops, and {kind}: use sap, similar or lagged (integrator={integrator})"

@@ -1,0 +1,255 @@
+"""Drake's model and its steps (module ``export.protocol``).
+
+A cylinder and a universal joint are two joints with a massless body between. Drake's ball joint has roll, pitch and yaw
+as coordinates, singular at a pitch of 90 degrees: x of its frames is along the arm of the child, z normal to the plane
+in which gravity pulls that. Points of cut joints are ball constraints, which only its discrete steps know.
+"""
+
+import importlib.metadata
+from typing import Any
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, DiscreteContactApproximation
+from pydrake.multibody.tree import (
+    BallRpyJoint,
+    FixedOffsetFrame,
+    JacobianWrtVariable,
+    LinearSpringDamper,
+    MultibodyForces,
+    PrismaticJoint,
+    QuaternionFloatingJoint,
+    RevoluteJoint,
+    RevoluteSpring,
+    RotationalInertia,
+    SpatialInertia,
+)
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
+from pydrake.systems.framework import DiagramBuilder, EventStatus
+from pydrake.systems.primitives import LogVectorOutput
+
+GROUND = -1
+APPROXIMATIONS = {"tamsi": "kTamsi", "sap": "kSap", "similar": "kSimilar", "lagged": "kLagged"}
+NO_STEP = 1e-9  # of a step: the least to the end
+
+
+class Model:
+    """A plant in a diagram, and its state at the last step made."""
+
+    def __init__(self, data: dict[str, Any]) -> None:
+        options = data["options"]
+        self._data, self._scheme, default = data, options["integrator"], options["settings"] == "default"
+        if default:
+            self._scheme = "runge_kutta3" if data["dt"] is None else "lagged"
+        self._default, self._discrete, self.stopped = default, self._scheme in APPROXIMATIONS, ""
+        try:
+            self._assemble(data["dt"] or 0.0)
+        except RuntimeError as error:  # of its checks, e.g. an inertia that no body can have
+            raise ValueError(str(error)) from None
+        self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
+        what = "discrete steps, approximation" if self._discrete else "integrator"
+        held = "; its ball constraints are regularised" if data["cuts"] else ""
+        self.notes = [f"{what} {self._scheme}{held}", f"drake {importlib.metadata.version('drake')}"]
+
+    def at_start(self) -> dict[str, Any]:
+        """For the model check; V of v = V u is constant to first order."""
+        plant, context = self._plant, self._plant.CreateDefaultContext()
+        q, u = np.array(self._data["start"]), np.array(self._data["start_velocity"])
+        V = np.zeros((len(u), len(u)))
+        for k, unit in enumerate(np.eye(len(u))):
+            V[:, k] = self._theirs(q, unit)[1]
+        place, v = self._theirs(q, u)
+        plant.SetPositions(context, place)
+        plant.SetVelocities(context, 0.0 * v)
+        rest_forces = V.T @ self._forces(context)
+        plant.SetVelocities(context, v)
+        M, forces = V.T @ plant.CalcMassMatrix(context) @ V, V.T @ self._forces(context)
+        world, rows = plant.world_frame(), [np.zeros((0, len(u)))]
+        for cut in self._data["cuts"] if plant.num_constraints() and self._discrete else []:
+            ends = [
+                plant.CalcJacobianTranslationalVelocity(
+                    context, JacobianWrtVariable.kV, self._bodies[cut[b]].body_frame(),
+                    np.array(cut[f"s_{b}"])[:, None], world, world,
+                ) for b in ("i", "j")
+            ]  # fmt: skip
+            rows.append((ends[0] - ends[1]) @ V)
+        return {
+            "mass_matrix": M, "rest_forces": rest_forces, "forces": forces, "constraints": np.concatenate(rows),
+            "kinetic": plant.CalcKineticEnergy(context), "potential": plant.CalcPotentialEnergy(context),
+        }  # fmt: skip
+
+    def advance(self, steps: int, dt: float) -> np.ndarray:
+        """(t, q, v) of Drake after each of the next steps."""
+        if dt and dt != self._dt:
+            state, time = self._state(), self._time
+            self._assemble(dt)
+            self._restart(time, *np.split(state, [self._plant.num_positions()]))
+        self._left, began = steps, self._time
+        end = began + steps * dt if dt else self._data["t_end"]
+        try:
+            self._simulator.AdvanceTo(end - self._since)
+        except RuntimeError as error:
+            self.stopped = " ".join(str(error).split())
+        log = self._log.FindLog(self._simulator.get_context())
+        t, x = np.array(log.sample_times()) + self._since, np.array(log.data()).T
+        log.Clear()
+        new = t > began + NO_STEP * (dt or self._data["t_end"])
+        if not dt and new.any() and t[-1] > self._data["t_end"] - NO_STEP * self._data["t_end"]:
+            t[-1] = self._data["t_end"]
+        if new.any():
+            self._time = end if dt and not self.stopped else t[-1]
+        return np.concatenate((t[new, None], x[new]), axis=1)
+
+    def rows(self, made: np.ndarray) -> np.ndarray:
+        """(q, u) of the tree, after t where steps are Drake's own choice."""
+        q, u = self._ours(*np.split(made[:, 1:], [self._plant.num_positions()], axis=1))
+        return np.concatenate(([] if self._data["dt"] else [made[:, :1]]) + [q, u], axis=1)
+
+    def _assemble(self, dt: float) -> None:
+        data, self._dt = self._data, dt
+        builder = DiagramBuilder()
+        plant = self._plant = AddMultibodyPlantSceneGraph(builder, dt if self._discrete else 0.0)[0]
+        if self._discrete:
+            approximation = getattr(DiscreteContactApproximation, APPROXIMATIONS[self._scheme])
+            plant.set_discrete_contact_approximation(approximation)
+        plant.mutable_gravity_field().set_gravity_vector(np.array(data["gravity"]))
+        self._bodies, self._joints = {GROUND: plant.world_body()}, []
+        for limb in data["limbs"]:
+            self._add(plant, limb)
+        for spring in data["springs"]:
+            ends = [x for b in ("i", "j") for x in (self._bodies[spring[b]], np.array(spring[f"p_{b}"]))]
+            law = spring["rest_length"], spring["stiffness"], spring["damping"]
+            plant.AddForceElement(LinearSpringDamper(*ends, *law))
+        for cut in data["cuts"]:
+            ends = [x for b in ("i", "j") for x in (self._bodies[cut[b]], np.array(cut[f"s_{b}"]))]
+            plant.AddBallConstraint(*ends)
+        plant.Finalize()
+        self._log = LogVectorOutput(plant.get_state_output_port(), builder)
+        self._simulator = Simulator(builder.Build())
+        if not self._discrete:
+            longest = dt or (0.1 if self._default else data["t_end"])
+            integrator = ResetIntegratorFromFlags(self._simulator, self._scheme, longest)
+            if dt:
+                integrator.set_fixed_step_mode(True)
+            else:
+                integrator.set_target_accuracy(data["rtol"])
+                self._simulator.set_monitor(self._count)
+
+    def _add(self, plant: Any, limb: dict[str, Any]) -> None:
+        b, name = limb["body"], f"body {limb['body']}"
+        inertia = np.array(limb["inertia"])
+        about = RotationalInertia(*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2])
+        body = plant.AddRigidBody(name, SpatialInertia.MakeFromCentralInertia(limb["mass"], np.zeros(3), about))
+        self._bodies[b], kind = body, limb["kind"]
+        if kind == "FREE":
+            joint = QuaternionFloatingJoint(name, plant.world_frame(), body.body_frame())
+            self._joints.append((plant.AddJoint(joint), limb, np.eye(3)))
+            return
+        A = _ball_axes(limb, self._data["gravity"]) if kind == "BALL" else np.eye(3)
+        turned = RotationMatrix(np.array(limb["R_0"]) @ A)
+        inner = plant.AddFrame(FixedOffsetFrame(
+            f"{name} on", self._bodies[limb["parent"]].body_frame(), RigidTransform(turned, np.array(limb["s_parent"]))
+        ))  # fmt: skip
+        outer = plant.AddFrame(FixedOffsetFrame(
+            f"{name} from", body.body_frame(), RigidTransform(RotationMatrix(A), np.array(limb["s_child"]))
+        ))  # fmt: skip
+        if kind == "FIXED":
+            plant.WeldFrames(inner, outer)
+        if kind == "BALL":
+            self._joints.append((plant.AddJoint(BallRpyJoint(name, inner, outer)), limb, A))
+        moves = limb["moves"]
+        for k, (slides, axis) in enumerate(moves):
+            end = outer
+            if k + 1 < len(moves):
+                end = plant.AddRigidBody(f"{name}, massless", SpatialInertia.Zero()).body_frame()
+            torsion, rates = limb["torsion"], {}
+            if torsion is not None:
+                rates["damping"] = torsion["damping"]
+            kind = PrismaticJoint if slides else RevoluteJoint
+            joint = plant.AddJoint(kind(f"{name}, joint {k}", inner, end, np.array(axis), **rates))
+            if torsion is not None:
+                plant.AddForceElement(RevoluteSpring(joint, torsion["rest_angle"], torsion["stiffness"]))
+            inner = end
+            self._joints.append((joint, limb, k))
+
+    def _restart(self, since: float, q: np.ndarray, v: np.ndarray) -> None:
+        """Drake's clock starts anew: its discrete steps are multiples of dt from 0."""
+        self._since = self._time = since
+        context = self._plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
+        self._plant.SetPositions(context, q)
+        self._plant.SetVelocities(context, v)
+        self._left = 1
+        self._simulator.Initialize()
+        self._log.FindLog(self._simulator.get_context()).Clear()
+
+    def _state(self) -> np.ndarray:
+        context = self._plant.GetMyContextFromRoot(self._simulator.get_context())
+        return np.array(self._plant.GetPositionsAndVelocities(context))
+
+    def _count(self, context: Any) -> Any:
+        self._left -= 1
+        done = self._left <= 0 < context.get_time()
+        return EventStatus.ReachedTermination(self._plant, "") if done else EventStatus.Succeeded()
+
+    def _forces(self, context: Any) -> np.ndarray:
+        """All but those of constraints: -(C v - gravity - springs)."""
+        plant, applied = self._plant, MultibodyForces(self._plant)
+        plant.CalcForceElementsContribution(context, applied)
+        return -plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), applied)
+
+    def _theirs(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """From coordinates and velocities of the tree at the start, where balls have turned by nothing."""
+        theirs, v = np.zeros(self._plant.num_positions()), np.zeros(self._plant.num_velocities())
+        for joint, limb, about in self._joints:
+            at, to, i, j = limb["q_at"], limb["u_at"], joint.position_start(), joint.velocity_start()
+            if limb["kind"] == "FREE":
+                theirs[i : i + 7] = np.concatenate((q[at + 3 : at + 7], q[at : at + 3]))
+                v[j : j + 6] = np.concatenate((np.array(limb["R"]) @ u[to + 3 : to + 6], u[to : to + 3]))
+            elif limb["kind"] == "BALL":
+                v[j : j + 3] = about.T @ u[to : to + 3]
+            else:
+                theirs[i], v[j] = q[at + about], u[to + about]
+        return theirs, v
+
+    def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        q = np.zeros((len(theirs), len(self._data["start"])))
+        u = np.zeros((len(v), len(self._data["start_velocity"])))
+        for joint, limb, about in self._joints:
+            at, to, i, j = limb["q_at"], limb["u_at"], joint.position_start(), joint.velocity_start()
+            if limb["kind"] == "FREE":
+                q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 4 : i + 7], theirs[:, i : i + 4]
+                u[:, to : to + 3], turned = v[:, j + 3 : j + 6], _matrices(theirs[:, i : i + 4])
+                u[:, to + 3 : to + 6] = np.einsum("tji,tj->ti", turned, v[:, j : j + 3])
+            elif limb["kind"] == "BALL":
+                turned = _quaternions(theirs[:, i : i + 3])
+                q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ about.T
+                u[:, to : to + 3] = np.einsum("tji,tj->ti", _matrices(turned), v[:, j : j + 3]) @ about.T
+            else:
+                q[:, at + about], u[:, to + about] = theirs[:, i], v[:, j]
+        return q, u
+
+
+def _ball_axes(limb: dict[str, Any], gravity: list[float]) -> np.ndarray:
+    """Columns x, y, z of the frame of a ball joint in the child."""
+    arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
+    x = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[0]
+    z = np.cross(x, down)
+    if np.linalg.norm(z) <= 1e-6 * (np.linalg.norm(down) or 1.0):
+        z = np.cross(x, np.eye(3)[np.argmin(np.abs(x))])
+    z /= np.linalg.norm(z)
+    return np.stack((x, np.cross(z, x), z), axis=1)
+
+
+def _quaternions(rpy: np.ndarray) -> np.ndarray:
+    """(w, x, y, z) of R_z(yaw) R_y(pitch) R_x(roll)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * rpy).T, np.sin(0.5 * rpy).T
+    return np.stack((cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
+                     cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy), axis=1)  # fmt: skip
+
+
+def _matrices(quaternions: np.ndarray) -> np.ndarray:
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]  # fmt: skip
+    return np.moveaxis(np.array(rows), -1, 0)

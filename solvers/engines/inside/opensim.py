@@ -1,0 +1,255 @@
+"""OpenSim's model and Simbody's steps (module ``export.protocol``).
+
+A cylinder and a universal joint are two joints with a massless body between. Ball and free joints have body-fixed x-y-z
+angles, singular where the second is 90 degrees: z of a ball's frames is along the arm of the child, x normal to the
+plane in which gravity pulls that. Points of cut joints are point constraints, on which every step is projected.
+"""
+
+from typing import Any
+
+import numpy as np
+import opensim as osim
+
+PARTS = 10  # of the time: Simbody cannot be stopped between
+
+
+class Model:
+    """A model, its state, and the manager of its integrator."""
+
+    def __init__(self, data: dict[str, Any]) -> None:
+        self._data, self.stopped = data, ""
+        osim.Logger.setLevelString("off")
+        self._model = model = osim.Model()
+        model.setUseVisualizer(False)
+        model.setGravity(osim.Vec3(*data["gravity"]))
+        self._bodies: dict[int, Any] = {-1: model.getGround()}
+        self._joints: list[tuple[dict[str, Any], list[Any], np.ndarray]] = []
+        for limb in data["limbs"]:
+            self._add(limb)
+        self._damped = any(spring["damping"] for spring in data["springs"])
+        for k, spring in enumerate(data["springs"]):
+            ends = [x for b in ("i", "j") for x in (self._bodies[spring[b]], osim.Vec3(*spring[f"p_{b}"]))]
+            if spring["damping"]:
+                law = f"({spring['stiffness']!r}*(d-{spring['rest_length']!r})+{spring['damping']!r}*ddot)"
+                names = [self._bodies[spring[b]].getAbsolutePathString() for b in ("i", "j")]
+                force = osim.ExpressionBasedPointToPointForce(names[0], ends[1], names[1], ends[3], law)
+            else:
+                force = osim.PointToPointSpring(*ends, spring["stiffness"], spring["rest_length"])
+            force.setName(f"spring_{k}")
+            model.addForce(force)
+        for k, cut in enumerate(data["cuts"]):
+            ends = [x for b in ("i", "j") for x in (self._bodies[cut[b]], osim.Vec3(*cut[f"s_{b}"]))]
+            constraint = osim.PointConstraint(*ends)
+            constraint.setName(f"cut_{k}")
+            model.addConstraint(constraint)
+        try:
+            self._state = model.initSystem()
+        except RuntimeError as error:  # of its checks, e.g. an inertia that no body can have
+            raise ValueError(" ".join(str(error).split())) from None
+        self._index()
+        self._set(np.array(data["start_velocity"]))
+        self._manager, self._time = None, 0.0
+        options = data["options"]
+        accuracy = "as it comes" if options["settings"] == "default" else f"{data['rtol']:g}"
+        self.notes = [
+            f"{options['integrator']}, accuracy {accuracy}, stops at every tenth of the time",
+            f"opensim {osim.GetVersion()}",
+        ]
+
+    def at_start(self) -> dict[str, Any]:
+        """For the model check; forces are M u_dot + G^T lambda of the constrained motion."""
+        model, state, matter = self._model, self._state, self._model.getMatterSubsystem()
+        u = np.array(self._data["start_velocity"])
+        loads = []
+        for rates in (0.0 * u, u):
+            self._set(rates)
+            model.realizeAcceleration(state)
+            M, G = osim.Matrix(), osim.Matrix()
+            matter.calcM(state, M)
+            matter.calcG(state, G)
+            mass, rows = M.to_numpy(), G.to_numpy().reshape(-1, state.getNU())
+            multipliers = state.getMultipliers().to_numpy() if len(rows) else np.zeros(0)
+            loads.append(mass @ state.getUDot().to_numpy() + rows.T @ multipliers)
+        V = self._V
+        return {
+            "mass_matrix": V.T @ mass @ V, "rest_forces": V.T @ loads[0], "forces": V.T @ loads[1],
+            "constraints": rows @ V, "kinetic": model.calcKineticEnergy(state),
+            "potential": None if self._damped else model.calcPotentialEnergy(state),  # dampers are expressions
+        }  # fmt: skip
+
+    def advance(self, steps: int, dt: float) -> Any:
+        """All states until the next tenth of the time."""
+        options, t_end = self._data["options"], self._data["t_end"]
+        part = min(PARTS, int(self._time / t_end * PARTS + 0.5) + 1)
+        self._time = t_end * part / PARTS
+        manager = osim.Manager(self._model)
+        manager.setIntegratorMethod(getattr(osim.Manager, f"IntegratorMethod_{options['integrator']}"))
+        if options["settings"] != "default":
+            manager.setIntegratorAccuracy(self._data["rtol"])
+        manager.setPerformAnalyses(False)
+        manager.setWriteToStorage(False)
+        manager.setRecordStatesTrajectory(True)
+        manager.initialize(self._state)
+        try:
+            self._state = osim.State(manager.integrate(self._time))
+        except RuntimeError as error:
+            self.stopped = " ".join(str(error).split())
+        self._manager = manager
+        return manager.getStatesTrajectory()
+
+    def rows(self, made: Any) -> np.ndarray:
+        """(t, q, u) of the tree after each of its steps."""
+        y = [np.concatenate(([s.getTime()], s.getQ().to_numpy(), s.getU().to_numpy()))
+             for s in (made.get(k) for k in range(1, made.getSize()))]  # fmt: skip
+        nq, nu = self._state.getNQ(), self._state.getNU()
+        y = np.array(y).reshape(-1, 1 + nq + nu)
+        y = y[np.diff(y[:, 0], prepend=-1.0) > 0.0]
+        q, u = self._ours(y[:, 1 : 1 + nq], y[:, 1 + nq :])
+        return np.concatenate((y[:, :1], q, u), axis=1)
+
+    def _add(self, limb: dict[str, Any]) -> None:
+        name, kind, J = f"body_{limb['body']}", limb["kind"], np.array(limb["inertia"])
+        inertia = osim.Inertia(*np.diag(J), J[0, 1], J[0, 2], J[1, 2])
+        body = osim.Body(name, limb["mass"], osim.Vec3(0), inertia)
+        self._model.addBody(body)
+        self._bodies[limb["body"]] = body
+        inner, place, turned = self._bodies[limb["parent"]], np.array(limb["s_parent"]), np.array(limb["R_0"])
+        end, coordinates, A = np.array(limb["s_child"]), [], np.eye(3)
+        if kind in ("BALL", "FIXED", "FREE"):
+            if kind == "BALL":
+                A = _ball_axes(limb, self._data["gravity"])
+            if kind == "FREE":
+                place, turned = np.array(limb["r"]), np.array(limb["R"])
+            make = {"BALL": osim.BallJoint, "FIXED": osim.WeldJoint, "FREE": osim.FreeJoint}[kind]
+            ends = inner, *_frame(place, turned @ A), body, *_frame(end, A)
+            joint = make(f"{name}_joint", *ends)
+            self._model.addJoint(joint)
+            coordinates = [joint.upd_coordinates(k) for k in range({"BALL": 3, "FREE": 6, "FIXED": 0}[kind])]
+        moves = limb["moves"]
+        for k, (slides, axis) in enumerate(moves):
+            outer, to = body, end
+            if k + 1 < len(moves):
+                outer, to = osim.Body(f"{name}_massless", 0.0, osim.Vec3(0), osim.Inertia(0.0)), np.zeros(3)
+                self._model.addBody(outer)
+            A = _axes_of(np.array(axis), 0 if slides else 2)
+            make = osim.SliderJoint if slides else osim.PinJoint
+            joint = make(f"{name}_joint_{k}", inner, *_frame(place, turned @ A), outer, *_frame(to, A))
+            self._model.addJoint(joint)
+            coordinate, torsion = joint.upd_coordinates(0), limb["torsion"]
+            coordinate.setName(f"{name}_coordinate_{k}")
+            coordinates.append(coordinate)
+            if torsion is not None:
+                force = osim.SpringGeneralizedForce(coordinate.getName())
+                force.setStiffness(torsion["stiffness"])
+                force.setRestLength(torsion["rest_angle"])
+                force.setViscosity(torsion["damping"])
+                self._model.addForce(force)
+            inner, place, turned = outer, np.zeros(3), np.eye(3)
+        self._joints.append((limb, coordinates, A))
+
+    def _index(self) -> None:
+        """Where the coordinates are in Simbody's vectors, and V of u_theirs = V u at the start."""
+        state, nu = self._state, len(self._data["start_velocity"])
+        self._q_at, self._u_at = [], []
+        for _, coordinates, _ in self._joints:
+            here: list[list[int]] = [[], []]
+            for coordinate in coordinates:
+                before = state.getQ().to_numpy().copy(), state.getU().to_numpy().copy()
+                coordinate.setValue(state, coordinate.getValue(state) + 0.125, False)
+                coordinate.setSpeedValue(state, coordinate.getSpeedValue(state) + 0.125)
+                after = state.getQ().to_numpy(), state.getU().to_numpy()
+                for found, a, b in zip(here, before, after, strict=True):
+                    found.append(int(np.argmax(np.abs(b - a))))
+                coordinate.setValue(state, 0.0, False)
+                coordinate.setSpeedValue(state, 0.0)
+            self._q_at.append(here[0])
+            self._u_at.append(here[1])
+        self._V = np.zeros((state.getNU(), nu))
+        for (limb, _, A), at in zip(self._joints, self._u_at, strict=True):
+            to, kind = limb["u_at"], limb["kind"]
+            if kind == "FREE":  # angular velocity, then velocity, both in the frame at the start
+                R = np.array(limb["R"])
+                self._V[np.ix_(at[:3], range(to + 3, to + 6))] = np.eye(3)
+                self._V[np.ix_(at[3:], range(to, to + 3))] = R.T
+            elif kind == "BALL":
+                self._V[np.ix_(at, range(to, to + 3))] = A.T
+            else:
+                self._V[at, range(to, to + len(at))] = 1.0
+
+    def _set(self, u: np.ndarray) -> None:
+        """Velocities of the tree at the start, where all coordinates of Simbody are 0."""
+        state = self._state
+        state.setTime(0.0)
+        state.setQ(osim.Vector(state.getNQ(), 0.0))
+        state.setU(osim.Vector.createFromMat(self._V @ u))
+
+    def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        q = np.zeros((len(theirs), len(self._data["start"])))
+        u = np.zeros((len(v), len(self._data["start_velocity"])))
+        for (limb, _, A), q_at, u_at in zip(self._joints, self._q_at, self._u_at, strict=True):
+            at, to, kind = limb["q_at"], limb["u_at"], limb["kind"]
+            if kind in ("BALL", "FREE"):
+                turned = _quaternions(theirs[:, q_at[:3]])
+                spin = np.einsum("tji,tj->ti", _matrices(turned), v[:, u_at[:3]]) @ A.T
+            if kind == "BALL":
+                q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ A.T
+                u[:, to : to + 3] = spin
+            elif kind == "FREE":
+                R = np.array(limb["R"])
+                q[:, at : at + 3] = limb["r"] + theirs[:, q_at[3:]] @ R.T
+                q[:, at + 3 : at + 7] = _product(np.array(self._data["start"][at + 3 : at + 7]), turned)
+                u[:, to : to + 3], u[:, to + 3 : to + 6] = v[:, u_at[3:]] @ R.T, spin
+            else:
+                q[:, at : at + len(q_at)], u[:, to : to + len(u_at)] = theirs[:, q_at], v[:, u_at]
+        return q, u
+
+
+def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
+    """A place, and body-fixed x-y-z angles of a rotation."""
+    a, c = np.arctan2(-turned[1, 2], turned[2, 2]), np.arctan2(-turned[0, 1], turned[0, 0])
+    if np.hypot(turned[0, 0], turned[0, 1]) < 1e-9:
+        a, c = np.arctan2(turned[2, 1], turned[1, 1]), 0.0
+    b = np.arctan2(turned[0, 2], np.hypot(turned[0, 0], turned[0, 1]))
+    return osim.Vec3(*map(float, place)), osim.Vec3(float(a), float(b), float(c))
+
+
+def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
+    """A rotation whose column ``which`` is ``axis``."""
+    one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    one /= np.linalg.norm(one)
+    columns = [axis, one, np.cross(axis, one)]
+    return np.stack([columns[(k - which) % 3] for k in range(3)], axis=1)
+
+
+def _ball_axes(limb: dict[str, Any], gravity: list[float]) -> np.ndarray:
+    """Columns x, y, z of the frame of a ball joint in the child."""
+    arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
+    z = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[2]
+    x = np.cross(z, down)
+    if np.linalg.norm(x) <= 1e-6 * (np.linalg.norm(down) or 1.0):
+        x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    return np.stack((x, np.cross(z, x), z), axis=1)
+
+
+def _quaternions(angles: np.ndarray) -> np.ndarray:
+    """(w, x, y, z) of R_x R_y R_z."""
+    half = 0.5 * angles
+    parts = [np.zeros((len(angles), 4)) for _ in range(3)]
+    for k, part in enumerate(parts):
+        part[:, 0], part[:, 1 + k] = np.cos(half[:, k]), np.sin(half[:, k])
+    return _product(_product(parts[0], parts[1]), parts[2])
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    (aw, ax, ay, az), (bw, bx, by, bz) = a.T, b.T
+    return np.stack((aw * bw - ax * bx - ay * by - az * bz, aw * bx + ax * bw + ay * bz - az * by,
+                     aw * by - ax * bz + ay * bw + az * bx, aw * bz + ax * by - ay * bx + az * bw), axis=-1)  # fmt: skip
+
+
+def _matrices(quaternions: np.ndarray) -> np.ndarray:
+    w, x, y, z = quaternions.T
+    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]  # fmt: skip
+    return np.moveaxis(np.array(rows), -1, 0)
