@@ -8,7 +8,9 @@ MuJoCo's constraints are soft: a row follows
 with a_0 its acceleration without the constraint: a gap of about (1 - d) a_0 T^2 stays, so that with T = 2 dt errors
 fall with dt^2 whatever the integrator. Trees have no such rows, and their motion has the order of the integrator.
 Contacts and automatic resets are off; springs are tendons, torsional springs about a hinge are those of its joint.
-With ``settings`` "file" integrator, solref and solimp are those of the MJCF file that the problem was read from, at its
+With ``settings`` "default" integrator, solref, solimp and constraint solver are those that MuJoCo ships; only the step is
+ours (its own is 0.002 s). Its treatment of free bodies has no option: implicitfast, implicit and discrete take their
+gyroscopic terms implicitly, Euler does not. With ``settings`` "file" integrator, solref and solimp are those of the MJCF file that the problem was read from, at its
 timestep: what its author runs.
 """
 
@@ -34,7 +36,9 @@ from .export.model_check import EngineModel, model_refusal
 from .export.plain import springs_of_hinges
 from .export.tree import KINDS, Kind, Tree, spanning_tree
 
-INTEGRATORS = {"RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0}  # order in dt without constraints
+INTEGRATORS = {  # order in dt without constraints
+    "RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0, "discrete": 1.0,
+}  # fmt: skip
 CONSTRAINT_SOLVERS = ("Newton", "CG", "PGS")
 
 
@@ -51,7 +55,8 @@ class MuJoCo(Clocked):
         2.0, "time constant of the soft constraints, in steps; MuJoCo allows no less than 2", at_least=2.0
     )
     settings: str = option(
-        "ours", "integrator and loops: as above, or as in the problem's MJCF file", choices=("ours", "file")
+        "ours", "integrator and loops: as above, as MuJoCo ships them, or as in the problem's MJCF file",
+        choices=("ours", "default", "file"),
     )
     impedance: float = option(
         0.9999, "impedance of the soft constraints; MuJoCo allows 0.0001 to 0.9999", at_least=1e-4, at_most=0.9999
@@ -64,7 +69,9 @@ class MuJoCo(Clocked):
     @property
     def order(self) -> float:
         """Without loops; with loops 2 at most; NaN with settings of a file."""
-        return INTEGRATORS[self.integrator] if self.settings == "ours" else math.nan
+        if self.settings == "file":
+            return math.nan
+        return INTEGRATORS[self.integrator if self.settings == "ours" else "Euler"]
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why MuJoCo cannot take the problem, or None."""
@@ -152,13 +159,16 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
     o.solver = getattr(mj.mjtSolver, f"mjSOL_{options.constraint_solver.upper()}")
     o.integrator = getattr(mj.mjtIntegrator, f"mjINT_{options.integrator.upper()}")
     solref, solimp = (options.time_constant * dt, 1.0), (options.impedance, options.impedance, 1e-3, 0.5, 2)
-    if options.settings == "file":
-        given = _file_of(problem)
+    if options.settings != "ours":
+        given = _file_of(problem) if options.settings == "file" else mj.MjSpec().compile()
         o.integrator, o.iterations, o.tolerance = given.opt.integrator, given.opt.iterations, given.opt.tolerance
         o.solver = given.opt.solver
         active = np.flatnonzero(given.eq_active0)
         if len(active):
             solref, solimp = given.eq_solref[active[0]], given.eq_solimp[active[0]]
+        elif options.settings == "default":
+            unset = mj.MjSpec().add_equality()
+            solref, solimp = unset.solref, unset.solimp
     o.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
     spec.compiler.degree = False
     springs = springs_of_hinges(system, start, tree)
