@@ -7,6 +7,8 @@ import pybullet as p
 
 REST = {"HINGE": [0], "BALL": [0, 0, 0, 1]}
 FREE = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0, "maxJointVelocity": 1e9}
+if not p.isConnected():
+    p.connect(p.DIRECT)
 
 
 def pybullet_motion(case):

@@ -102,4 +102,5 @@ def _integrate(system: MultibodySystem, start: State, t_end: float) -> tuple[np.
         s = moved(s, accelerations(system, half), h)
         out.append(s)
     t = h * np.arange(STEPS + 1)
-    return t, States(*(np.array([getattr(x, k) for x in out]) for k in ("r", "R", "v", "Omega")), t)
+    r, R, v, Omega = (np.array([getattr(x, k) for x in out]) for k in ("r", "R", "v", "Omega"))
+    return t, States(r, R, v, Omega, t)

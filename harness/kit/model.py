@@ -49,9 +49,9 @@ class Model:
     def links(self) -> list[dict[str, Any]]:
         """Bodies from the ground outwards, each with a frame at its joint that is parallel to the body at the start.
 
-        ``body``, ``parent`` (-1: the ground), ``kind`` (HINGE, SLIDE, BALL, FREE and others), ``axes``; ``at``, ``R_0``:
-        the frame in that of the parent; ``centre``: C in it; ``mass``, ``inertia`` about C; ``speed``: velocities of
-        the joint, of a free body v and omega, in the frame. Of a free body the frame is at C.
+        ``body``, ``parent`` (-1: the ground), ``kind`` (HINGE, SLIDE, BALL, FREE and others), ``axes``; ``at`` and
+        ``R_0``: the frame in that of the parent; ``centre``: C in it; ``mass``, ``inertia`` about C; ``speed`` of the
+        joint, of a free body v and omega, in the frame. Of a free body the frame is at C.
         """
         arms, out, u = {GROUND: np.zeros(3)}, [], self.tree["start_velocity"]
         for x in self.tree["limbs"]:
@@ -117,7 +117,7 @@ class Model:
         rows = ET.SubElement(top, "equality") if tree["cuts"] else top
         for cut in tree["cuts"]:
             ends = {f"body{n}": "world" if cut[e] == GROUND else f"body{cut[e]}" for n, e in ((1, "i"), (2, "j"))}
-            ET.SubElement(rows, "connect", anchor=_text(cut["s_i"]), **ends)
+            ET.SubElement(rows, "connect", {"anchor": _text(cut["s_i"])} | ends)
         key = ET.SubElement(top, "keyframe")
         ET.SubElement(key, "key", name="start", qpos=_text(tree["start"]), qvel=_text(tree["start_velocity"]))
         assert len(parts) == system.nb + 1

@@ -60,11 +60,8 @@ def test_pinocchio_fails_where_it_is_wrong():
 
 @pytest.fixture
 def bullet(tmp_path, monkeypatch):
-    engine = pytest.importorskip("pybullet")
     monkeypatch.chdir(tmp_path)
-    engine.connect(engine.DIRECT)
-    yield example("pybullet")
-    engine.disconnect()
+    return example("pybullet")
 
 
 @pytest.mark.parametrize("case", TREES)
