@@ -38,7 +38,8 @@ def main() -> int:
         try:
             passed = check(case, getattr(module, function), order=given.order, precision=given.precision, dt=given.dt)
             law, share = max(passed.shares.items(), key=lambda x: x[1])
-            print(f"{case}: passed, at most {share:.2g} of what is allowed ({law})")  # noqa: T201
+            words = f"at most {share:.2g} of what is allowed ({law}); rounding alone: {passed.rounding:.2g} m"
+            print(f"{case}: passed, {words}")  # noqa: T201
         except EngineFailure as error:
             failed += 1
             print(error)  # noqa: T201

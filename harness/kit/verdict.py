@@ -53,6 +53,7 @@ class Passed:
 
     case: str
     shares: dict[str, float]
+    rounding: float  # [m] error at the end that rounding alone may leave
 
 
 def check(
@@ -75,7 +76,9 @@ def check(
     lines = [_describe(case, r) for r in (*found, *_judge(problem, fine, {r.law for r in found}))]
     if lines:
         raise EngineFailure("\n".join(lines))
-    return Passed(case, shares)
+    _, growth = _growth(case)
+    ulps = DEVIATIONS + len(fine) - 1
+    return Passed(case, shares, UNIT[precision] * ulps * float(growth[Law.MOTION, ""][-1]))
 
 
 def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: int, unit: float) -> States:
