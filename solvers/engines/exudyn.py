@@ -2,7 +2,7 @@
 
 A body is a node with Euler parameters and their norm as a constraint, a joint is rows of algebraic equations in our
 order of ends: marker 0 on body i, marker 1 on body j or the ground. All but spherical joints are Exudyn's generic joint
-about its z axis, both joint frames equal at the start. Redundant rows are left out, as chosen by a pivoted QR of them in
+about its z axis, both joint frames equal at the start. Redundant rows are left out, chosen by a pivoted QR of them in
 the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have no row of their own, and
 dense LU that ignores the singular Jacobian. Its defaults stay: modified Newton, and smaller steps where the iteration
 fails; such a run has no fixed steps any more and ends there. Sensors record poses inside the timed loop. Between

@@ -1,7 +1,7 @@
 """OpenSim: Simbody's joint coordinates and integrators with error control, in an environment of its own.
 
-Accuracy is rtol: Simbody estimates the error of each coordinate, weighted, and projects every step onto the loops, which
-are point constraints. With ``settings`` "default" accuracy is that of a Manager that nobody configured.
+Accuracy is rtol: Simbody estimates the error of each coordinate, weighted, and projects every step onto the loops,
+which are point constraints. With ``settings`` "default" accuracy is that of a Manager that nobody configured.
 """
 
 from dataclasses import dataclass

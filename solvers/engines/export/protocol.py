@@ -42,6 +42,7 @@ class Adapter(Clocked):
     package: ClassVar[str]  # to import here where it has no environment
     wheel: ClassVar[str]
     kinds: ClassVar[tuple[str, ...]] = tuple(KINDS)  # of joints that it takes
+    springs: ClassVar[bool] = True
     torsions: ClassVar[bool] = True
     same: ClassVar[float] = SAME  # of the model check
     stretch: ClassVar[int] = STRETCH
@@ -51,7 +52,7 @@ class Adapter(Clocked):
         absent = None if environment_of(self.inside) else missing(self.package, self.wheel)
         if (
             reason := absent
-            or beyond(problem.system, self.kinds, torsions=self.torsions)
+            or beyond(problem.system, self.kinds, springs=self.springs, torsions=self.torsions)
             or self._cannot(problem, control)
         ) is not None:
             return reason

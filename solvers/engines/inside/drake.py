@@ -1,8 +1,8 @@
 """Drake's model and its steps (module ``export.protocol``).
 
-A cylinder and a universal joint are two joints with a massless body between. Drake's ball joint has roll, pitch and yaw
-as coordinates, singular at a pitch of 90 degrees: x of its frames is along the arm of the child, z normal to the plane
-in which gravity pulls that. Points of cut joints are ball constraints, which only its discrete steps know.
+A cylinder is two joints with a massless body between. Drake's ball joint has roll, pitch and yaw as coordinates,
+singular at a pitch of 90 degrees: x of its frames is along the arm of the child, z normal to the plane in which gravity
+pulls that. Points of cut joints are ball constraints, which only its discrete steps know.
 """
 
 import importlib.metadata
@@ -23,6 +23,7 @@ from pydrake.multibody.tree import (
     RevoluteSpring,
     RotationalInertia,
     SpatialInertia,
+    UniversalJoint,
 )
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus
@@ -44,9 +45,9 @@ class Model:
         self._default, self._discrete, self.stopped = default, self._scheme in APPROXIMATIONS, ""
         try:
             self._assemble(data["dt"] or 0.0)
+            self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
         except RuntimeError as error:  # of its checks, e.g. an inertia that no body can have
-            raise ValueError(str(error)) from None
-        self._restart(0.0, *self._theirs(np.array(data["start"]), np.array(data["start_velocity"])))
+            raise ValueError(" ".join(str(error).split())) from None
         what = "discrete steps, approximation" if self._discrete else "integrator"
         held = "; its ball constraints are regularised" if data["cuts"] else ""
         self.notes = [f"{what} {self._scheme}{held}", f"drake {importlib.metadata.version('drake')}"]
@@ -145,7 +146,12 @@ class Model:
             joint = QuaternionFloatingJoint(name, plant.world_frame(), body.body_frame())
             self._joints.append((plant.AddJoint(joint), limb, np.eye(3)))
             return
-        A = _ball_axes(limb, self._data["gravity"]) if kind == "BALL" else np.eye(3)
+        moves, A = limb["moves"], np.eye(3)
+        if kind == "BALL":
+            A = _ball_axes(limb, self._data["gravity"])
+        if kind == "UNIVERSAL":
+            x, y = (np.array(axis) for _, axis in moves)
+            A = np.stack((x, y, np.cross(x, y)), axis=1)
         turned = RotationMatrix(np.array(limb["R_0"]) @ A)
         inner = plant.AddFrame(FixedOffsetFrame(
             f"{name} on", self._bodies[limb["parent"]].body_frame(), RigidTransform(turned, np.array(limb["s_parent"]))
@@ -157,7 +163,9 @@ class Model:
             plant.WeldFrames(inner, outer)
         if kind == "BALL":
             self._joints.append((plant.AddJoint(BallRpyJoint(name, inner, outer)), limb, A))
-        moves = limb["moves"]
+        if kind == "UNIVERSAL":
+            self._joints.append((plant.AddJoint(UniversalJoint(name, inner, outer)), limb, slice(0, 2)))
+            moves = []
         for k, (slides, axis) in enumerate(moves):
             end = outer
             if k + 1 < len(moves):
@@ -170,7 +178,7 @@ class Model:
             if torsion is not None:
                 plant.AddForceElement(RevoluteSpring(joint, torsion["rest_angle"], torsion["stiffness"]))
             inner = end
-            self._joints.append((joint, limb, k))
+            self._joints.append((joint, limb, slice(k, k + 1)))
 
     def _restart(self, since: float, q: np.ndarray, v: np.ndarray) -> None:
         """Drake's clock starts anew: its discrete steps are multiples of dt from 0."""
@@ -208,7 +216,8 @@ class Model:
             elif limb["kind"] == "BALL":
                 v[j : j + 3] = about.T @ u[to : to + 3]
             else:
-                theirs[i], v[j] = q[at + about], u[to + about]
+                n = joint.num_positions()
+                theirs[i : i + n], v[j : j + n] = q[at:][about], u[to:][about]
         return theirs, v
 
     def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -225,7 +234,8 @@ class Model:
                 q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ about.T
                 u[:, to : to + 3] = np.einsum("tji,tj->ti", _matrices(turned), v[:, j : j + 3]) @ about.T
             else:
-                q[:, at + about], u[:, to + about] = theirs[:, i], v[:, j]
+                n = joint.num_positions()
+                q[:, at:][:, about], u[:, to:][:, about] = theirs[:, i : i + n], v[:, j : j + n]
         return q, u
 
 

@@ -242,9 +242,9 @@ def _quaternions(angles: np.ndarray) -> np.ndarray:
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    (aw, ax, ay, az), (bw, bx, by, bz) = a.T, b.T
-    return np.stack((aw * bw - ax * bx - ay * by - az * bz, aw * bx + ax * bw + ay * bz - az * by,
-                     aw * by - ax * bz + ay * bw + az * bx, aw * bz + ax * by - ay * bx + az * bw), axis=-1)  # fmt: skip
+    (aw, ax, ay, az), (bw, bx, by, bz) = np.broadcast_to(a, b.shape).T, b.T
+    vector = aw * np.stack((bx, by, bz)) + bw * np.stack((ax, ay, az)) + np.cross((ax, ay, az), (bx, by, bz), axis=0)
+    return np.stack((aw * bw - ax * bx - ay * by - az * bz, *vector), axis=-1)
 
 
 def _matrices(quaternions: np.ndarray) -> np.ndarray:

@@ -1,0 +1,35 @@
+"""DART: joint coordinates of a tree, semi-implicit Euler, loops as constraints of velocities with error reduction.
+
+A step is u_1 = u_0 + h a, then impulses on cut joints, then q_1 along u_1. ``error_reduction`` of a gap is closed a
+step. dartpy has no other integrator: the variational one of DART's C++ is not in it. With ``settings`` "default" the
+world is as nobody configured it: its own error reduction, and slow bodies fall asleep.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.mechanics.joints import JointKind
+from .export.protocol import Adapter
+from .export.tree import KINDS
+
+
+@solver("dart")
+@dataclass(frozen=True)
+class Dart(Adapter):
+    """DART's steps."""
+
+    error_reduction: float = option(
+        0.8, "share of a gap that is closed a step; 0.01 is its own", at_least=0.0, at_most=1.0
+    )
+    settings: str = option("ours", "as above, or as of a world that nobody configured", choices=("ours", "default"))
+
+    inside: ClassVar[str] = "dart"
+    package: ClassVar[str] = "dartpy"
+    wheel: ClassVar[str] = "dartpy"
+    order: ClassVar[float] = 1.0
+    kinds: ClassVar[tuple[str, ...]] = tuple(kind for kind in KINDS if kind != JointKind.CYLINDRICAL)
+    springs: ClassVar[bool] = False
+    torsions: ClassVar[bool] = False
+    stretch: ClassVar[int] = 5_000  # its loop is in Python

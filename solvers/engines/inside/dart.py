@@ -1,0 +1,160 @@
+"""DART's model and its steps (module ``export.protocol``).
+
+A ball joint has the logarithm of its rotation and the angular velocity in the child as coordinates, a free joint these
+and the place and velocity of its body in space.
+"""
+
+import importlib.metadata
+from typing import Any
+
+import dartpy as dart
+import numpy as np
+
+GROUND = -1
+OWN = 0.01  # DART's error reduction
+
+
+class Model:
+    """A skeleton in a world, and its state at the last step made."""
+
+    def __init__(self, data: dict[str, Any]) -> None:
+        self._data, self.stopped = data, ""
+        options = data["options"]
+        default = options["settings"] == "default"
+        self._world, self._skeleton = dart.simulation.World(), dart.dynamics.Skeleton("bodies")
+        self._world.setGravity(data["gravity"])
+        self._world.setTimeStep(data["dt"])
+        if not default:
+            still = self._world.getDeactivationOptions()
+            still.mEnabled = False
+            self._world.setDeactivationOptions(still)
+        self._bodies: dict[int, Any] = {}
+        self._joints: list[tuple[Any, dict[str, Any]]] = []
+        for limb in data["limbs"]:
+            self._add(limb)
+        self._world.addSkeleton(self._skeleton)
+        self._place(np.array(data["start_velocity"]))
+        solver = self._world.getConstraintSolver()
+        for cut in data["cuts"]:
+            i, j = (self._bodies.get(cut[b]) for b in ("i", "j"))
+            where = i.getWorldTransform().multiply(np.array(cut["s_i"]))
+            constraint = dart.constraint.BallJointConstraint(*([i] if j is None else [i, j]), where)
+            constraint.setErrorReductionParameter(OWN if default else options["error_reduction"])  # of all constraints
+            solver.addConstraint(constraint)
+        self.notes = ["a loop of its steps in Python, whose overhead counts; bodies at rest fall asleep" if default
+                      else "a loop of its steps in Python, whose overhead counts",
+                      f"dartpy {importlib.metadata.version('dartpy')}"]  # fmt: skip
+
+    def at_start(self) -> dict[str, Any]:
+        """For the model check: accelerations are those of DART's forward dynamics, without constraints."""
+        skeleton, u, nu = self._skeleton, np.array(self._data["start_velocity"]), len(self._data["start_velocity"])
+        V = np.stack([self._velocities(unit) for unit in np.eye(nu)], axis=1)
+        loads = []
+        for rates in (0.0 * u, u):
+            self._place(rates)
+            skeleton.computeForwardDynamics()
+            M = skeleton.getMassMatrix()
+            loads.append(V.T @ M @ skeleton.getAccelerations())
+        rows = [np.zeros((0, nu))]
+        for cut in self._data["cuts"]:
+            ends = [
+                0.0 if cut[b] == GROUND
+                else skeleton.getLinearJacobian(self._bodies[cut[b]], np.array(cut[f"s_{b}"])) for b in ("i", "j")
+            ]  # fmt: skip
+            rows.append((ends[0] - ends[1]) @ V)
+        return {
+            "mass_matrix": V.T @ M @ V, "rest_forces": loads[0], "forces": loads[1],
+            "constraints": np.concatenate(rows), "kinetic": skeleton.computeKineticEnergy(),
+            "potential": skeleton.computePotentialEnergy(),
+        }  # fmt: skip
+
+    def advance(self, steps: int, dt: float) -> np.ndarray:
+        """(q, u) of DART after each of the next steps."""
+        self._world.setTimeStep(dt)
+        step, skeleton = self._world.step, self._skeleton
+        made = np.empty((steps, 2 * skeleton.getNumDofs()))
+        for k in range(steps):
+            step()
+            made[k] = np.concatenate((skeleton.getPositions(), skeleton.getVelocities()))
+        return made
+
+    def rows(self, made: np.ndarray) -> np.ndarray:
+        """(q, u) of the tree."""
+        theirs, v = np.split(made, 2, axis=1)
+        q = np.zeros((len(made), len(self._data["start"])))
+        u = np.zeros((len(made), len(self._data["start_velocity"])))
+        for joint, limb in self._joints:
+            at, to, kind = limb["q_at"], limb["u_at"], limb["kind"]
+            i = joint.getIndexInSkeleton(0)
+            if kind == "BALL":
+                q[:, at : at + 4], u[:, to : to + 3] = _quaternions(theirs[:, i : i + 3]), v[:, i : i + 3]
+            elif kind == "FREE":
+                q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 3 : i + 6], _quaternions(theirs[:, i : i + 3])
+                u[:, to : to + 3] = v[:, i + 3 : i + 6]
+                u[:, to + 3 : to + 6] = _turned_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
+            else:
+                n = joint.getNumDofs()
+                q[:, at : at + n], u[:, to : to + n] = theirs[:, i : i + n], v[:, i : i + n]
+        return np.concatenate((q, u), axis=1)
+
+    def _add(self, limb: dict[str, Any]) -> None:
+        skeleton, kind, b = self._skeleton, limb["kind"], limb["body"]
+        parent = self._bodies.get(limb["parent"])
+        parents = () if parent is None else (parent,)
+        name = {"BALL": "Ball", "FREE": "Free", "FIXED": "Weld", "UNIVERSAL": "Universal", "HINGE": "Revolute",
+                "SLIDE": "Prismatic"}[kind]  # fmt: skip
+        joint, body = getattr(skeleton, f"create{name}JointAndBodyNodePair")(*parents)
+        body.setName(f"body {b}")
+        axes = [np.array(axis) for _, axis in limb["moves"]]
+        if len(axes) == 1:
+            joint.setAxis(axes[0])
+        if len(axes) == 2:
+            joint.setAxis1(axes[0])
+            joint.setAxis2(axes[1])
+        if kind != "FREE":
+            joint.setTransformFromParentBodyNode(_isometry(limb["R_0"], limb["s_parent"]))
+        if kind != "FIXED":
+            self._joints.append((joint, limb))
+        if kind != "FREE":
+            joint.setTransformFromChildBodyNode(_isometry(np.eye(3), limb["s_child"]))
+        body.setInertia(dart.dynamics.Inertia(limb["mass"], np.zeros(3), np.array(limb["inertia"])))
+        self._bodies[b] = body
+
+    def _place(self, u: np.ndarray) -> None:
+        """At the start with velocities u of the tree."""
+        q = np.zeros(self._skeleton.getNumDofs())
+        for joint, limb in self._joints:
+            if limb["kind"] == "FREE":
+                i = joint.getIndexInSkeleton(0)
+                q[i : i + 6] = dart.dynamics.FreeJoint.convertToPositions(_isometry(limb["R"], limb["r"]))
+        self._skeleton.setPositions(q)
+        self._skeleton.setVelocities(self._velocities(u))
+
+    def _velocities(self, u: np.ndarray) -> np.ndarray:
+        v = np.zeros(self._skeleton.getNumDofs())
+        for joint, limb in self._joints:
+            i, n, to = joint.getIndexInSkeleton(0), joint.getNumDofs(), limb["u_at"]
+            if limb["kind"] == "FREE":
+                v[i : i + 6] = np.concatenate((np.array(limb["R"]) @ u[to + 3 : to + 6], u[to : to + 3]))
+            else:
+                v[i : i + n] = u[to : to + n]
+        return v
+
+
+def _isometry(R: Any, p: Any) -> Any:
+    out = dart.math.Isometry3()
+    out.set_rotation(np.array(R))
+    out.set_translation(np.array(p))
+    return out
+
+
+def _quaternions(a: np.ndarray) -> np.ndarray:
+    """(w, x, y, z) of the exponentials of rotation vectors."""
+    angle = np.linalg.norm(a, axis=1, keepdims=True)
+    return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)
+
+
+def _turned_back(q: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """R^T a of the rotations q."""
+    once = np.cross(-q[:, 1:], a)
+    return a + 2.0 * (q[:, :1] * once + np.cross(-q[:, 1:], once))

@@ -1,0 +1,213 @@
+"""Engines behind the protocol: their model is ours, a planted fault is refused, loops and motions are exact."""
+
+import importlib.util
+import json
+import sys
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver
+from mbsbench.harness.mechanics.motion import constraint
+from mbsbench.harness.types import Status, StepControl
+from mbsbench.solvers.engines.drake import INTEGRATORS
+from mbsbench.solvers.engines.export import process, protocol
+from mbsbench.solvers.engines.export.model_check import differences
+
+from ..runs import error, orders, run
+from .systems import PROBLEMS
+from .test_engines import PACKAGES, without_springs
+
+
+@dataclass(frozen=True)
+class Served:
+    """What the tests know of an engine."""
+
+    package: str  # as it is imported
+    wheel: str
+    gap: float  # [m] of the grid's joints at dt = 5e-3
+    loops: dict[str, Any]  # options that hold loops
+    unlike: tuple[str, ...] = ()  # of ``PROBLEMS``: what it has no joints or springs for
+    refused: str = "only; the system has"
+
+
+SERVED = {
+    "drake": Served("pydrake", "drake", 1e-5, {"integrator": "sap"}, ("sliding",), "constraints to the world crash it"),
+    "dart": Served("dartpy", "dartpy", 1e-10, {}, ("closed_chain", "sliding", "sprung")),
+    "opensim": Served("opensim", "opensim", 1e-5, {}),
+}
+ADAPTIVE = {"drake_adaptive", "opensim"}
+
+
+def control(name: str, dt: float = 1e-3) -> StepControl:
+    return StepControl(rtol=1e-7) if name in ADAPTIVE else StepControl(dt=dt)
+
+
+def needs(name):
+    served = SERVED[name]
+    absent = importlib.util.find_spec(served.package) is None and process.environment_of(name) is None
+    return pytest.mark.skipif(absent, reason=f"{served.wheel} is an optional extra: make test-engines")
+
+
+@pytest.fixture(params=[pytest.param(name, marks=needs(name)) for name in SERVED])
+def engine(request):
+    """An installed engine's name."""
+    return request.param
+
+
+def test_every_engine_is_tested():
+    assert {*SERVED, *PACKAGES, "drake_adaptive", "cvode"} == set(engines())
+
+
+@pytest.mark.parametrize("name", SERVED)
+def test_without_the_package_it_refuses_with_the_remedy(name, monkeypatch):
+    """A refusal is a result, in one line."""
+    monkeypatch.setitem(sys.modules, SERVED[name].package, None)
+    monkeypatch.setattr(protocol, "environment_of", lambda inside: None)
+    said = make_solver(name).refuses(make_problem("heavy_top"), control(name))
+    assert said == f"{SERVED[name].wheel} is not installed: pip install 'mbsbench[engines]'"
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_its_model_is_ours(engine, name):
+    """Mass matrix, forces, energies, accelerations and freedom, to rounding."""
+    problem, solver = PROBLEMS[name](), make_solver(engine, SERVED[engine].loops)
+    if name in SERVED[engine].unlike:
+        said = solver.refuses(problem, control(engine))
+        assert said is not None and SERVED[engine].refused in said
+        if engine == "dart":
+            if name == "sliding":
+                return
+            problem = without_springs(problem)
+    found = differences(problem, protocol.Model(solver, problem, control(engine)).at_start())
+    assert max(found.values()) < 1e-10, found
+
+
+@pytest.mark.parametrize("wrong", [lambda J: J * (1.0 + 1e-8), lambda J: J + 1e-8 * np.ones((3, 3))])
+def test_a_planted_inertia_is_refused(engine, wrong, monkeypatch):
+    """The fault is in what the engine is given, not in the problem: there is no race."""
+    right = protocol.plain
+
+    def planted(tree, system, start):
+        return right(tree, replace(system, inertia=wrong(system.inertia)), start)
+
+    monkeypatch.setattr(protocol, "plain", planted)
+    t = make_solver(engine, SERVED[engine].loops).solve(PROBLEMS["perturbed_chain"](), control(engine))
+    assert t.status is Status.REFUSED and t.counters["steps"] == 0
+    assert "is not that of chain: its" in t.message and "differs by" in t.message
+
+
+def test_loops_stay_closed(engine):
+    problem = PROBLEMS["grid"]()
+    t = make_solver(engine, SERVED[engine].loops).solve(problem, control(engine, 5e-3))
+    assert t.status is Status.SUCCESS, t.message
+    assert np.max(np.abs(constraint(problem.system, t.states))) < SERVED[engine].gap
+    assert t.t[-1] == problem.t_end and t.counters["steps"] == len(t.t) - 1
+
+
+SPATIAL = "spherical_pendulum", {"omega_x": 5.0, "omega_z": 3.0, "t_end": 0.5}  # on a ball, where theta' is not v
+
+
+@pytest.mark.parametrize("name", ["sprung", "sliding", "free_body", "slider_crank"])
+def test_poses_and_velocities_are_those_of_another_method(engine, name):
+    """Free bodies, springs, slides, universal joints: a quarter of the step leaves a quarter of the error."""
+    made = name in ("sprung", "sliding")
+    problem = PROBLEMS[name]() if made else make_problem(name, {"rotation": (0.3, -0.5, 0.7), "t_end": 0.3})
+    if name in SERVED[engine].unlike:
+        if name == "sliding":
+            pytest.skip(f"{engine} does not take it")
+        problem = without_springs(problem)
+    problem = replace(problem, t_end=0.2)
+    exact = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states[-1]
+    errors = []
+    for fine in (1.0, 0.25):
+        t = make_solver(engine, SERVED[engine].loops).solve(
+            problem, StepControl(rtol=1e-7 * fine**3) if engine in ADAPTIVE else StepControl(dt=1e-3 * fine)
+        )
+        assert t.status is Status.SUCCESS, t.message
+        off = [np.max(np.abs(getattr(t.states[-1], a) - getattr(exact, a))) for a in ("r", "R", "v", "Omega")]
+        errors.append(max(off))
+    assert errors[1] < max(0.3 * errors[0], 1e-9)
+
+
+GRID = "four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.5}
+ORDERS = [
+    *(("drake", {"integrator": i}, SPATIAL, 0.01, order) for i, order in INTEGRATORS.items() if i != "radau1"),
+    ("drake", {"integrator": "sap"}, GRID, 5e-3, 1.0),
+    ("dart", {}, SPATIAL, 0.01, 1.0),
+    ("dart", {}, ("chain", {"t_end": 0.4}), 2e-3, 1.0),
+]
+
+
+@pytest.mark.parametrize(("name", "options", "problem", "dt", "order"),
+                         [pytest.param(*row, marks=needs(row[0])) for row in ORDERS])  # fmt: skip
+def test_the_order_is_the_declared_one(name, options, problem, dt, order):
+    p = make_problem(*problem)
+    assert make_solver(name, options).order == order
+    assert orders([error(p, run(p, dt / 2**k, name, **options)) for k in range(3)])[-1] == pytest.approx(order, abs=0.2)
+
+
+TOLERANCES = [
+    pytest.param("drake_adaptive", {}, SPATIAL, 1.0, marks=needs("drake")),
+    pytest.param("drake_adaptive", {"integrator": "cenic"}, SPATIAL, 0.5, marks=needs("drake")),
+    *(pytest.param("opensim", {}, p, 0.8, marks=needs("opensim")) for p in (SPATIAL, GRID)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "options", "problem", "power"), TOLERANCES)
+def test_the_error_falls_with_the_tolerance(name, options, problem, power):
+    """Error control of order p on the error a step of order p + 1: between its power p / (p + 1) and 1.
+
+    CENIC's estimate is of second order and its steps of first: its error falls with the root of its accuracy.
+    """
+    p = make_problem(*problem)
+    runs = [make_solver(name, options).solve(p, StepControl(rtol=rtol)) for rtol in (1e-4, 1e-6)]
+    errors = [np.max(np.abs(t.states.r - p.reference().states(t.t).r)) for t in runs]
+    assert all(t.status is Status.SUCCESS for t in runs) and errors[0] < 1e-2
+    assert np.log(errors[0] / errors[1]) / np.log(100.0) == pytest.approx(power, abs=0.2)
+
+
+@pytest.mark.parametrize(("name", "options", "words"), [
+    ("drake", {}, "its continuous plant ignores constraints"), ("drake", {"integrator": "tamsi"}, "TAMSI has no"),
+    ("drake_adaptive", {"integrator": "cenic"}, "CENIC has no"),
+])  # fmt: skip
+@needs("drake")
+def test_loops_are_refused_where_drake_does_not_hold_them(name, options, words, monkeypatch):
+    """In words; and without these the model check finds what Drake does not say of a continuous plant."""
+    problem, solver = PROBLEMS["grid"](), make_solver(name, options)
+    assert words in solver.refuses(problem, control(name))
+    monkeypatch.setattr(type(solver), "_cannot", lambda *_: None)
+    said = solver.refuses(problem, control(name))
+    assert said is not None and ("differs by" in said or "does not take the model" in said)
+
+
+@needs("dart")
+def test_settings_of_one_run_are_not_those_of_the_next():
+    """DART's error reduction is one number for all constraints of a process."""
+    p, ends = make_problem("chain", {"t_end": 0.2}), []
+    for options in ({"settings": "default"}, {"error_reduction": 0.01}, {}, {"settings": "default"}):
+        ends.append(make_solver("dart", options).solve(p, StepControl(dt=2e-3)).states.r[-1])
+    np.testing.assert_array_equal(ends[0], ends[1])
+    np.testing.assert_array_equal(ends[0], ends[3])
+    assert np.any(ends[2] != ends[0])
+
+
+def test_stretches_join(engine, monkeypatch):
+    """Whatever the length of stretches, the motion is the same."""
+    problem = make_problem("heavy_top", {"t_end": 0.1})
+    whole = make_solver(engine).solve(problem, control(engine))
+    march = protocol.march
+    monkeypatch.setattr(protocol, "march", lambda *a, **k: march(*a, **{**k, "stretch": 7}))
+    parts = make_solver(engine).solve(problem, control(engine))
+    np.testing.assert_array_equal(parts.t, whole.t)
+    np.testing.assert_allclose(parts.states.r, whole.states.r, atol=1e-9)
+
+
+def test_what_engines_are_given_is_plain():
+    """JSON there and back changes nothing."""
+    problem = PROBLEMS["sliding"]()
+    tree = protocol.spanning_tree(problem.system, problem.initial)
+    text = json.dumps(protocol.plain(tree, problem.system, problem.initial), default=lambda a: a.tolist())
+    assert json.dumps(json.loads(text)) == text
