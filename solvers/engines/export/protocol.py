@@ -4,7 +4,8 @@
 engine cannot take the model, and has::
 
     notes                what was modelled how, and the engine's version: sentences
-    at_start()           fields of ``EngineModel`` by name; T and bias are the tree's where they are left out
+    at_start()           fields of ``EngineModel`` by name, or without a mass matrix u_dot as ``rates`` and at rest as
+                         ``rest_rates``, both without constraints; T, bias and constraints are the tree's where left out
     advance(steps, dt)   rows (q, u), coordinates and velocities of the tree, after each of the next steps;
                          with error control (dt = 0) rows (t, q, u) of at most so many accepted steps, up to t_end
     rows(a)              left out, or what makes such rows of those that ``advance`` returns; its time does not count
@@ -19,6 +20,7 @@ from dataclasses import asdict, replace
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy.linalg as sl
 from jaxtyping import Float
 
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
@@ -57,7 +59,7 @@ class Adapter(Clocked):
         ) is not None:
             return reason
         try:
-            return model_refusal(self.name, problem, Model(self, problem, control).at_start(), self.same)
+            return self.differing(problem, control)
         except (ValueError, StepFailure) as error:
             return f"{self.name} does not take the model: {error}"
 
@@ -68,12 +70,20 @@ class Adapter(Clocked):
         spent = seconds_of_processes() - before
         return replace(found, setup_time=found.setup_time + max(spent - found.cpu_time, 0.0)) if spent else found
 
+    def build(self, problem: Problem, control: StepControl) -> "Model":
+        """The engine's model."""
+        return Model(self, problem, control)
+
+    def differing(self, problem: Problem, control: StepControl) -> str | None:
+        """How the engine's model differs from ours, or None."""
+        return model_refusal(self.name, problem, self.build(problem, control).at_start(), self.same)
+
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
         """Why the options do not go with the problem, or None."""
         return None
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        model = Model(self, problem, control)
+        model = self.build(problem, control)
         model.clock = clock
         return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes(),
                      stretch=self.stretch, seconds=model.seconds)  # fmt: skip
@@ -115,7 +125,13 @@ class Model:
         nu = len(self.tree.start_velocity)
         found = {name: np.array(a, dtype=float) if isinstance(a, list | np.ndarray) else a
                  for name, a in self._made.at_start().items()}  # fmt: skip
-        found["constraints"] = found["constraints"].reshape(-1, nu)
+        found["constraints"] = found.get("constraints", self.tree.loop_jacobian()).reshape(-1, nu)
+        if "rates" in found:  # no mass matrix: accelerations by a step
+            T, system = self.tree.jacobian(), self.problem.system
+            blocks = (b for m, J in zip(system.mass, system.regular_inertia, strict=True) for b in (m * np.eye(3), J))
+            M, u = T.T @ sl.block_diag(*blocks) @ T, self.tree.start_velocity
+            found |= {"mass_matrix": M, "forces": M @ found.pop("rates"), "rest_forces": M @ found.pop("rest_rates"),
+                      "kinetic": 0.5 * float(u @ M @ u), "potential": None}  # fmt: skip
         given: dict[str, Any] = {"T": self.tree.jacobian(), "bias": self.tree.bias(self.problem.initial), **found}
         return EngineModel(**given)
 

@@ -127,14 +127,14 @@ class Tree:
             own_q = q[:, limb.q_at : limb.q_at + limb.kind.nq]
             own_u = u[:, limb.u_at : limb.u_at + limb.kind.nu]
             if limb.kind is Kind.FREE:
-                r[:, b], R[:, b] = own_q[:, :3], _matrices(own_q[:, 3:])
+                r[:, b], R[:, b] = own_q[:, :3], matrices(own_q[:, 3:])
                 v[:, b], Omega[:, b] = own_u[:, :3], own_u[:, 3:]
                 continue
             slides, turns_first = limb.kind.slides, limb.kind is Kind.UNIVERSAL
             first, angle = (own_q[:, :1], own_q[:, -1:]) if len(own_q.T) else np.zeros((2, nt, 1))
             first_rate, rate = (own_u[:, :1], own_u[:, -1:]) if len(own_u.T) else np.zeros((2, nt, 1))
             way, way_rate = (x * limb.axis_parent * slides for x in (first, first_rate))
-            last = _matrices(own_q) if limb.kind is Kind.BALL else so3.exp(angle * limb.axis)
+            last = matrices(own_q) if limb.kind is Kind.BALL else so3.exp(angle * limb.axis)
             turn = so3.exp(first * limb.axis_parent * turns_first) @ limb.R_0 @ last
             R[:, b] = R[:, p] @ turn
             relative = own_u if limb.kind is Kind.BALL else rate * limb.axis
@@ -305,7 +305,8 @@ def _gap_rates(unit: States, cuts: Sequence[Coincidence]) -> Float[np.ndarray, "
     return np.concatenate(rows, axis=1).T if rows else np.zeros((0, len(unit)))
 
 
-def _matrices(q: Float[np.ndarray, "nt 4"]) -> Float[np.ndarray, "nt 3 3"]:
+def matrices(q: Float[np.ndarray, "nt 4"]) -> Float[np.ndarray, "nt 3 3"]:
+    """Of quaternions (w, x, y, z)."""
     return Rotation.from_quat(q, scalar_first=True).as_matrix()
 
 

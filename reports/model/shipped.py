@@ -1,0 +1,70 @@
+"""Contestants at the settings that their users get and at the best of one tuning budget, problem by problem."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .accuracy import Measure, measure_for
+from .results import Results, Run, Variant, grouped
+
+SHIPPED, TUNED = "as shipped", "tuned"  # labels of their runs
+TARGET = 1e-3  # in the unit of the problem's error: what tuning aims at
+SOUND = ("success", "inaccurate", "wrong")  # it reached the end
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A contestant on a problem; ``best`` is its cheapest run within the target, else its most accurate one."""
+
+    who: str
+    shipped: Run | None
+    best: Run
+    tried: int
+
+
+@dataclass(frozen=True)
+class Contest:
+    """A problem's pairs, the most accurate as shipped first."""
+
+    variant: Variant
+    measure: Measure
+    pairs: tuple[Pair, ...]
+
+    def error(self, run: Run | None) -> float:
+        """Its error; NaN for a run that is missing or did not reach the end."""
+        return self.measure.of(run) if run is not None and run.status in SOUND else math.nan
+
+    def reached(self, runs: Sequence[Run | None]) -> int:
+        """How many are within the target."""
+        return sum(self.error(run) <= TARGET for run in runs)
+
+
+def contests(results: Results) -> list[Contest]:
+    """Of problems with runs of both labels."""
+    out = []
+    for variant in results.variants:
+        runs = [c for label in (SHIPPED, TUNED) for c in variant.labels.get(label, ())]
+        measure = measure_for(runs)
+        if measure is None or not variant.labels.get(SHIPPED):
+            continue
+        contest = Contest(variant, measure, ())
+        pairs = [_pair(contest, who, own) for who, own in grouped(runs, contestant).items()]
+        order = sorted(pairs, key=lambda p: (_last(contest.error(p.shipped)), _last(contest.error(p.best)), p.who))
+        out.append(Contest(variant, measure, tuple(order)))
+    return out
+
+
+def contestant(run: Run) -> str:
+    """The solver, with the one of its own that an engine has several of."""
+    return " ".join([run.record.solver, *([str(run.options["solver"])] if "solver" in run.options else [])])
+
+
+def _pair(contest: Contest, who: str, runs: Sequence[Run]) -> Pair:
+    shipped = next((c for c in runs if c.record.label == SHIPPED), None)
+    within = [c for c in runs if contest.error(c) <= TARGET]
+    best = min(within, key=lambda c: c.record.cpu_median_s, default=None)
+    return Pair(who, shipped, best or min(runs, key=lambda c: _last(contest.error(c))), len(runs))
+
+
+def _last(error: float) -> float:
+    return math.inf if math.isnan(error) else error

@@ -1,0 +1,138 @@
+"""Newton's model and its steps (modules ``export.protocol`` and ``export.stepped``)."""
+
+import importlib.metadata
+import warnings
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+wp.config.quiet = True
+warnings.simplefilter("ignore")
+
+import newton  # noqa: E402
+
+GROUND = -1
+
+
+class Model:
+    """A model of links and joints, and its state at the last step made."""
+
+    def __init__(self, data: dict[str, Any]) -> None:
+        options, limbs = data["options"], data["limbs"]
+        self._name = options["solver"]
+        kind = getattr(newton.solvers, f"Solver{self._name}")
+        builder = newton.ModelBuilder(gravity=tuple(data["gravity"]))
+        if hasattr(kind, "register_custom_attributes"):
+            kind.register_custom_attributes(builder)
+        link: dict[int, int] = {GROUND: GROUND}
+        joints = []
+        for limb in limbs:
+            link[limb["body"]] = child = builder.add_link(
+                xform=_frame(limb["r"], limb["R"]), mass=limb["mass"], inertia=wp.mat33(*np.ravel(limb["inertia"])),
+                lock_inertia=True,
+            )  # fmt: skip
+            if limb["kind"] == "FREE":
+                joints.append(builder.add_joint_free(child))
+                continue
+            ends = {"parent": link[limb["parent"]], "child": child, "armature": 0.0,
+                    "parent_xform": _frame(limb["s_parent"], limb["R_0"]),
+                    "child_xform": _frame(limb["s_child"], np.eye(3))}  # fmt: skip
+            if limb["kind"] == "BALL":
+                joints.append(builder.add_joint_ball(**ends))
+            else:
+                joints.append(builder.add_joint_revolute(axis=wp.vec3(*limb["axis"]), **ends))
+        for root, tree in _trees(limbs, joints):
+            builder.add_articulation(tree, label=f"tree {root}")
+        for cut in data["cuts"]:
+            builder.add_joint_ball(
+                parent=link[cut["j"]], child=link[cut["i"]], armature=0.0,
+                parent_xform=_frame(cut["s_j"], np.eye(3)), child_xform=_frame(cut["s_i"], np.eye(3)),
+            )  # fmt: skip
+        self._model = model = builder.finalize(device="cpu")
+        self._order = [link[b] for b in sorted(b for b in link if b != GROUND)]
+        given = np.array([limb["inertia"] for limb in limbs], dtype=np.float32)
+        if np.max(np.abs(model.body_inertia.numpy() - given)) > 1e-6 * np.max(np.abs(given)):
+            raise ValueError("it changes an inertia, whose moments violate the triangle inequality")
+        self._now, self._next = model.state(), model.state()
+        self._now.body_q.assign(np.array([_frame(x["r"], x["R"]) for x in limbs], dtype=np.float32))
+        turning = [np.array(x["R"]) @ x["Omega"] for x in limbs]
+        motion = np.array([[*x["v"], *w] for x, w in zip(limbs, turning, strict=True)], dtype=np.float32)
+        self._now.body_qd.assign(motion)
+        newton.eval_ik(model, self._now, self._now.joint_q, self._now.joint_qd)
+        if self._name == "Featherstone" or self._name == "MuJoCo":
+            newton.eval_fk(model, self._now.joint_q, self._now.joint_qd, self._now)
+        model.joint_q.assign(self._now.joint_q)
+        model.joint_qd.assign(self._now.joint_qd)
+        self._solver, self.stopped = self._made(kind, options, data["dt"]), ""
+        self.notes = [f"solver {self._name}, single precision, CPU", f"newton {importlib.metadata.version('newton')}"]
+        spare = [model.state(), model.state()]  # what the first step compiles is set-up
+        spare[0].assign(self._now)
+        self._solver.step(spare[0], spare[1], None, None, data["dt"])
+        self._solver = self._made(kind, options, data["dt"])
+
+    def _made(self, kind: Any, options: dict[str, Any], dt: float) -> Any:
+        solver = kind(self._model, **_settings(self._name, options))
+        if self._name == "MuJoCo" and options["settings"] == "ours" and solver.mjw_model.neq:
+            loops, d = solver.mjw_model, options["impedance"]
+            loops.eq_solref.assign(np.broadcast_to([options["time_constant"] * dt, 1.0], loops.eq_solref.shape + (2,)))
+            loops.eq_solimp.assign(np.broadcast_to([d, d, 1e-3, 0.5, 2.0], loops.eq_solimp.shape + (5,)))
+        return solver
+
+    def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Poses and twists of all bodies after each of the next steps."""
+        out = []
+        for _ in range(steps):
+            self._now.clear_forces()
+            self._solver.step(self._now, self._next, None, None, dt)
+            self._now, self._next = self._next, self._now
+            out.append((self._now.body_q.numpy().copy(), self._now.body_qd.numpy().copy()))
+        return out
+
+    def rows(self, found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Rows of bodies."""
+        pose = np.array([q[self._order] for q, _ in found], dtype=float)
+        twist = np.array([u[self._order] for _, u in found], dtype=float)
+        p = np.roll(pose[..., 3:], 1, axis=-1)
+        p /= np.linalg.norm(p, axis=-1, keepdims=True)
+        out = np.concatenate((pose[..., :3], p, twist[..., :3], _turned_back(p, twist[..., 3:])), axis=-1)
+        return out.reshape(len(out), -1)
+
+
+def _settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
+    if options["settings"] == "default":
+        return {}
+    if name == "XPBD":
+        both = options["joint_relaxation"]
+        return {
+            "iterations": options["iterations"], "joint_linear_relaxation": both, "joint_angular_relaxation": both
+        }  # fmt: skip
+    if name == "MuJoCo":
+        return {"integrator": options["integrator"], "tolerance": 1e-8}
+    if name == "Kamino":
+        config = newton.solvers.SolverKamino.Config()
+        config.padmm.max_iterations = options["max_iterations"]
+        config.constraints.alpha = options["alpha"]
+        return {"config": config}
+    return {"angular_damping": 0.0}
+
+
+def _trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, list[int]]]:
+    """(first body, joints) by tree: a new one where a limb hangs on the ground or floats."""
+    out: list[tuple[int, list[int]]] = []
+    for limb, joint in zip(limbs, joints, strict=True):
+        if limb["parent"] == GROUND:
+            out.append((limb["body"], []))
+        out[-1][1].append(joint)
+    return out
+
+
+def _frame(r: Any, R: Any) -> wp.transform:
+    return wp.transform(wp.vec3(*r), wp.quat_from_matrix(wp.mat33(*np.ravel(R))))
+
+
+def _turned_back(p: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """R^T a of quaternions (w, x, y, z)."""
+    w, axis = p[..., :1], -p[..., 1:]
+    once = np.cross(axis, a)
+    return a + 2.0 * (w * once + np.cross(axis, once))

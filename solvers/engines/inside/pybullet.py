@@ -1,0 +1,202 @@
+"""PyBullet's model and its steps (module ``export.protocol``).
+
+A base is a body that floats, or a fixed one without mass. A link's frame is at its joint; a ball joint turns the
+principal axes of its child. Velocities of a base are (omega, v) in space.
+"""
+
+import importlib.metadata
+from typing import Any
+
+import numpy as np
+import pybullet as bullet
+
+GROUND = -1
+UNLIMITED = 1e12
+PROBE = 1e-3  # [s] of the step that measures forces: velocities after it are u + PROBE M^-1 f
+
+
+class Model:
+    """Bodies of a server of its own, and its state at the last step made."""
+
+    def __init__(self, data: dict[str, Any]) -> None:
+        self._data, self._default, self.stopped = data, data["options"]["settings"] == "default", ""
+        self._start, self._velocity = np.array(data["start"]), np.array(data["start_velocity"])
+        self._found = self._measure()
+        self._build(cuts=True, default=self._default)
+        self._set(self._start, self._velocity)
+        self.notes = [
+            "semi-implicit Euler" + (", with its damping" if self._default else ""),
+            f"pybullet {importlib.metadata.version('pybullet')}",
+        ]
+
+    def at_start(self) -> dict[str, Any]:
+        """For the model check, by a step without constraints: its mass matrix knows no ball joints."""
+        return self._found
+
+    def advance(self, steps: int, dt: float) -> np.ndarray:
+        """Rows (q, u) after each of the next steps."""
+        bullet.setTimeStep(dt, self._server)
+        rows = np.empty((steps, len(self._start) + len(self._velocity)))
+        for k in range(steps):
+            bullet.stepSimulation(self._server)
+            rows[k] = self._get()
+        return rows
+
+    def _measure(self) -> dict[str, Any]:
+        self._build(cuts=False, default=False)
+        bullet.setTimeStep(PROBE, self._server)
+        found = []
+        for u in (0.0 * self._velocity, self._velocity):
+            self._set(self._start, u)
+            bullet.stepSimulation(self._server)
+            after = self._get()[len(self._start) :]
+            found.append((after - u) / PROBE)
+        return {"rest_rates": found[0], "rates": found[1]}
+
+    def _build(self, *, cuts: bool, default: bool) -> None:
+        if hasattr(self, "_server"):
+            bullet.disconnect(self._server)
+        self._server = server = bullet.connect(bullet.DIRECT)
+        bullet.setGravity(*self._data["gravity"], physicsClientId=server)
+        self._at: dict[int, tuple[int, int]] = {}  # (multibody, link) by body
+        self._frame: dict[int, np.ndarray] = {}  # principal axes
+        trees: list[list[dict[str, Any]]] = []
+        for limb in self._data["limbs"]:
+            if limb["parent"] == GROUND:
+                trees.append([])
+            trees[-1].append(limb)
+        for tree in trees:
+            self._tree(tree, default)
+        if cuts:
+            for cut in self._data["cuts"]:
+                ends = [(self._anchor(cut[k]), self._local(cut[k], cut[f"s_{k}"])) for k in ("i", "j")]
+                (one, p), (two, s) = ends
+                held = bullet.createConstraint(
+                    *one, *two, bullet.JOINT_POINT2POINT, [0, 0, 0], p, s, physicsClientId=server
+                )
+                if not default:
+                    bullet.changeConstraint(held, maxForce=UNLIMITED, erp=self._data["options"]["erp"],
+                                            physicsClientId=server)  # fmt: skip
+        if not default:
+            iterations = self._data["options"]["num_solver_iterations"]
+            bullet.setPhysicsEngineParameter(
+                numSolverIterations=iterations, solverResidualThreshold=0.0, physicsClientId=server
+            )
+
+    def _tree(self, limbs: list[dict[str, Any]], default: bool) -> None:
+        server, floats = self._server, limbs[0]["kind"] == "FREE"
+        links = limbs[1:] if floats else limbs
+        place, arm, names = {GROUND: 0}, {GROUND: np.zeros(3)}, {}
+        for limb in limbs:
+            moments, axes = np.linalg.eigh(np.array(limb["inertia"]))
+            axes = axes * np.linalg.det(axes)
+            self._frame[limb["body"]], names[limb["body"]] = axes, moments
+        if floats:
+            place[limbs[0]["body"]], arm[limbs[0]["body"]] = 0, np.zeros(3)
+        columns: dict[str, list[Any]] = {key: [] for key in COLUMNS}
+        for k, limb in enumerate(links):
+            b = limb["body"]
+            kind = bullet.JOINT_REVOLUTE if limb["kind"] == "HINGE" else bullet.JOINT_SPHERICAL
+            values = (
+                limb["mass"], -1, -1, np.array(limb["s_parent"]) - arm[limb["parent"]], _quaternion(limb["R_0"]),
+                -np.array(limb["s_child"]), _quaternion(self._frame[b]), place[limb["parent"]], kind, limb["axis"],
+            )  # fmt: skip
+            for key, value in zip(COLUMNS, values, strict=True):
+                columns[key].append(value)
+            place[b], arm[b] = k + 1, np.array(limb["s_child"])
+        root = limbs[0]
+        base = {"baseMass": root["mass"], "basePosition": root["r"], "baseOrientation": _quaternion(root["R"]),
+                "baseInertialFrameOrientation": _quaternion(self._frame[root["body"]])}  # fmt: skip
+        body = bullet.createMultiBody(**(base if floats else {"baseMass": 0.0}), **columns, physicsClientId=server)
+        for limb in limbs:
+            b = limb["body"]
+            link = place[b] - 1
+            self._at[b] = body, link
+            bullet.changeDynamics(body, link, localInertiaDiagonal=names[b], physicsClientId=server)
+            if not default:
+                bullet.changeDynamics(body, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
+                                      maxJointVelocity=UNLIMITED, physicsClientId=server)  # fmt: skip
+            if limb["kind"] == "HINGE":
+                bullet.setJointMotorControl2(body, link, bullet.VELOCITY_CONTROL, force=0, physicsClientId=server)
+            elif limb["kind"] == "BALL":
+                bullet.setJointMotorControlMultiDof(
+                    body, link, bullet.POSITION_CONTROL, targetPosition=[0, 0, 0, 1], positionGain=0, velocityGain=0,
+                    force=[0, 0, 0], physicsClientId=server,
+                )  # fmt: skip
+
+    def _set(self, q: np.ndarray, u: np.ndarray) -> None:
+        for limb in self._data["limbs"]:
+            body, link = self._at[limb["body"]]
+            x, v = q[limb["q_at"] :], u[limb["u_at"] :]
+            if limb["kind"] == "FREE":
+                R = _matrix(np.roll(x[3:7], -1))
+                axes = _quaternion(R @ self._frame[limb["body"]])
+                bullet.resetBasePositionAndOrientation(body, x[:3], axes, physicsClientId=self._server)
+                bullet.resetBaseVelocity(body, v[:3], R @ v[3:6], physicsClientId=self._server)
+            elif limb["kind"] == "HINGE":
+                bullet.resetJointState(body, link, x[0], v[0], physicsClientId=self._server)
+            else:
+                turn, w = self._principal(limb["body"], np.roll(x[:4], -1)), self._frame[limb["body"]].T @ v[:3]
+                bullet.resetJointStateMultiDof(body, link, turn, w, physicsClientId=self._server)
+
+    def _get(self) -> np.ndarray:
+        nq = len(self._start)
+        row = np.empty(nq + len(self._velocity))
+        for limb in self._data["limbs"]:
+            body, link = self._at[limb["body"]]
+            a, b = limb["q_at"], nq + limb["u_at"]
+            if limb["kind"] == "FREE":
+                r, p = bullet.getBasePositionAndOrientation(body, physicsClientId=self._server)
+                v, w = bullet.getBaseVelocity(body, physicsClientId=self._server)
+                R = _matrix(p) @ self._frame[limb["body"]].T
+                row[a : a + 3], row[a + 3 : a + 7] = r, np.roll(_quaternion(R), 1)
+                row[b : b + 3], row[b + 3 : b + 6] = v, R.T @ w
+            elif limb["kind"] == "HINGE":
+                row[a], row[b] = bullet.getJointState(body, link, physicsClientId=self._server)[:2]
+            else:
+                q, u = bullet.getJointStateMultiDof(body, link, physicsClientId=self._server)[:2]
+                F = self._frame[limb["body"]]
+                row[a], row[a + 1 : a + 4], row[b : b + 3] = q[3], F @ q[:3], F @ u
+        return row
+
+    def _principal(self, b: int, p: np.ndarray) -> np.ndarray:
+        """A turn (x, y, z, w) of a ball joint about the principal axes of its child, which are Bullet's."""
+        return np.append(self._frame[b].T @ p[:3], p[3])
+
+    def _anchor(self, b: int) -> tuple[int, int]:
+        if b != GROUND:
+            return self._at[b]
+        if not hasattr(self, "_ground") or self._ground[0] != self._server:
+            self._ground = self._server, bullet.createMultiBody(baseMass=0.0, physicsClientId=self._server)
+        return self._ground[1], -1
+
+    def _local(self, b: int, s: Any) -> np.ndarray:
+        """From C along the principal axes, as its constraints want it."""
+        return np.array(s) if b == GROUND else self._frame[b].T @ np.array(s)
+
+
+COLUMNS = (
+    "linkMasses", "linkCollisionShapeIndices", "linkVisualShapeIndices", "linkPositions", "linkOrientations",
+    "linkInertialFramePositions", "linkInertialFrameOrientations", "linkParentIndices", "linkJointTypes",
+    "linkJointAxis",
+)  # fmt: skip
+
+
+def _matrix(p: Any) -> np.ndarray:
+    """Of a quaternion (x, y, z, w)."""
+    x, y, z, w = p
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+def _quaternion(R: Any) -> np.ndarray:
+    """(x, y, z, w) as the eigenvector of Bar-Itzhack's matrix: no branch."""
+    R = np.array(R)
+    K = np.empty((4, 4))
+    K[:3, :3] = R + R.T - np.trace(R) * np.eye(3)
+    K[3, :3] = K[:3, 3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    K[3, 3] = np.trace(R)
+    return np.linalg.eigh(K)[1][:, 3]

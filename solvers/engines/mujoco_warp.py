@@ -1,0 +1,47 @@
+"""MuJoCo Warp on a CPU: MuJoCo's model in single precision, stepped by a loop in Python.
+
+The tree and the soft constraints are those of ``mujoco``. Its accelerations without constraints are compared with ours
+at the start and at rest: rounding grows with the condition of a mass matrix, to some 1e-4 on the problems here, and
+2.4e-3 is allowed as in ``export.stepped``. On a CPU a step takes a hundred launches of kernels: its speed is not meant.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.mechanics.joints import JointKind
+from ...harness.types import Problem, StepControl
+from .export.protocol import Adapter
+from .export.stepped import ALLOWED, SINGLE
+
+INTEGRATORS = {"RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0}
+
+
+@solver("mujoco_warp")
+@dataclass(frozen=True)
+class MuJoCoWarp(Adapter):
+    """MuJoCo Warp on a CPU."""
+
+    integrator: str = option("RK4", "MuJoCo's name of it", choices=tuple(INTEGRATORS))
+    time_constant: float = option(2.0, "time constant of the soft constraints, in steps", at_least=2.0)
+    impedance: float = option(0.99, "impedance of the soft constraints", at_least=1e-4, at_most=0.9999)
+    settings: str = option("ours", "as above, or as MuJoCo ships them", choices=("ours", "default"))
+
+    inside: ClassVar[str] = "mujoco_warp"
+    package: ClassVar[str] = "mujoco_warp"
+    wheel: ClassVar[str] = "mujoco-warp"
+    kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
+    torsions: ClassVar[bool] = False
+    same: ClassVar[float] = ALLOWED * SINGLE ** (2.0 / 3.0)
+    stretch: ClassVar[int] = 500
+
+    @property
+    def order(self) -> float:
+        """Of its steps, while single precision does not show."""
+        return INTEGRATORS[self.integrator if self.settings == "ours" else "Euler"]
+
+    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+        if len(problem.system.spring_k):
+            return f"springs are not handed to MuJoCo Warp; the system has {len(problem.system.spring_k)}"
+        return None

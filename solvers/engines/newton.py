@@ -1,0 +1,78 @@
+"""Newton (NVIDIA, Google DeepMind, Disney): its solvers on a CPU, in single precision, stepped by a loop in Python.
+
+``Featherstone`` has joint coordinates and semi-implicit Euler steps; ``MuJoCo`` is MuJoCo Warp under Newton's model;
+``XPBD`` and ``Kamino`` have six coordinates a body, and find joint forces by iteration: gaps of joints are theirs.
+Points of cut joints are ball joints outside of the tree, which Featherstone does not know. Joint armature is zero.
+With ``settings`` "default" all else is as the solver ships: Featherstone's angular_damping 0.05 for one.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.mechanics.joints import JointKind
+from ...harness.types import Problem, StepControl
+from .export.stepped import Stepped
+from .export.tree import spanning_tree
+
+SOLVERS = ("Featherstone", "MuJoCo", "XPBD", "Kamino")
+MUJOCO = ("euler", "implicitfast", "rk4")
+MANY = 200  # iterations at the model check
+
+
+@solver("newton")
+@dataclass(frozen=True)
+class Newton(Stepped):
+    """Newton's solvers on a CPU."""
+
+    solver: str = option("Featherstone", "Newton's solver", choices=SOLVERS)
+    integrator: str = option("rk4", "of solver=MuJoCo", choices=MUJOCO)
+    iterations: int = option(50, "of solver=XPBD, a step", at_least=1)
+    joint_relaxation: float = option(
+        0.4, "joint_linear_relaxation and joint_angular_relaxation of solver=XPBD, which ships 0.7 and 0.4", above=0.0
+    )
+    max_iterations: int = option(200, "of solver=Kamino, a step", at_least=1)
+    alpha: float = option(0.01, "stabilisation of solver=Kamino", at_least=0.0, at_most=1.0)
+    time_constant: float = option(2.0, "of loops of solver=MuJoCo, in steps", at_least=2.0)
+    impedance: float = option(0.99, "of loops of solver=MuJoCo", at_least=1e-4, at_most=0.9999)
+    settings: str = option("ours", "as above, or as the solver ships", choices=("ours", "default"))
+
+    inside: ClassVar[str] = "newton"
+    package: ClassVar[str] = "newton"
+    wheel: ClassVar[str] = "newton"
+    kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
+    torsions: ClassVar[bool] = False
+    stretch: ClassVar[int] = 500
+
+    @property
+    def order(self) -> float:
+        """Of its steps, while single precision does not show."""
+        return 4.0 if (self.solver, self.integrator, self.settings) == ("MuJoCo", "rk4", "ours") else 1.0
+
+    @property
+    def power(self) -> float:
+        """Velocities of XPBD are differences of positions that its iteration knows to ten roundings."""
+        return 0.15 if self.solver == "XPBD" else 1.0 / 3.0
+
+    @property
+    def allowed(self) -> float:
+        """Of the largest acceleration; MuJoCo's loops are soft, XPBD's accelerations are known to a quarter only."""
+        if self.solver == "XPBD":
+            return 0.25
+        return 2.0 * (1.0 - self.impedance) if self.solver == "MuJoCo" else super().allowed
+
+    @property
+    def parts(self) -> int:
+        return 20 if self.solver == "XPBD" else 1
+
+    def stiffest(self) -> "Newton":
+        """The same model without the damping of a default, its iterations many."""
+        return replace(self, settings="ours", iterations=MANY, max_iterations=MANY, alpha=0.0)
+
+    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+        if len(problem.system.spring_k):
+            return f"springs between points are not handed to Newton; the system has {len(problem.system.spring_k)}"
+        if self.solver == "Featherstone" and spanning_tree(problem.system, problem.initial).cuts:
+            return "the system has loops, and Newton's Featherstone ignores them: use solver=MuJoCo, XPBD or Kamino"
+        return None

@@ -1,0 +1,45 @@
+"""PyBullet: Bullet's multibody in joint coordinates, semi-implicit Euler, stepped one by one.
+
+A tree of ``export.tree``; points of cut joints are point-to-point constraints, solved by impulses. The motors that every
+joint has at first are off. With ``settings`` "default" the damping of 0.04 that every body has, the limit of 100 rad/s of
+a joint, and the iterations are as PyBullet ships them.
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.mechanics.joints import JointKind
+from ...harness.types import Problem, StepControl
+from .export.protocol import Adapter
+from .export.stepped import check_states
+
+
+@solver("pybullet")
+@dataclass(frozen=True)
+class PyBullet(Adapter):
+    """Bullet's multibody."""
+
+    num_solver_iterations: int = option(1000, "numSolverIterations; 50 is its own", at_least=1)
+    erp: float = option(0.2, "erp of point-to-point constraints; 0.2 is its own", at_least=0.0, at_most=1.0)
+    settings: str = option("ours", "as above, or as it ships", choices=("ours", "default"))
+
+    inside: ClassVar[str] = "pybullet"
+    package: ClassVar[str] = "pybullet"
+    wheel: ClassVar[str] = "pybullet"
+    kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
+    torsions: ClassVar[bool] = False
+    stretch: ClassVar[int] = 2_000
+    order: ClassVar[float] = 1.0
+
+    def differing(self, problem: Problem, control: StepControl) -> str | None:
+        """At the start and at random velocities: it hands out no mass matrix of ball joints."""
+        reasons = (super(PyBullet, self).differing(replace(problem, initial=state), control)
+                   for _, state in check_states(problem))  # fmt: skip
+        return next((reason for reason in reasons if reason is not None), None)
+
+    def _cannot(self, problem: Problem, control: StepControl) -> str | None:
+        if len(problem.system.spring_k):
+            return f"PyBullet has no springs between points; the system has {len(problem.system.spring_k)}"
+        return None
