@@ -16,7 +16,8 @@ from ..mechanics import motion, so3
 from ..mechanics.consistency import START_TOLERANCE, InconsistentStart, check_start
 from ..mechanics.dynamics import RANK
 from ..mechanics.jacobian import constraint_jacobian
-from ..mechanics.state import States
+from ..mechanics.state import State, States
+from ..mechanics.system import MultibodySystem
 from ..metrics.scales import Scales, scales
 from ..reference.computed import computed, is_computable
 from ..results.findings import Finding, compare, fail, leave_open
@@ -140,7 +141,29 @@ def _count_freedom(made: Problem) -> str:
     length = np.linalg.norm(A, axis=1, keepdims=True)
     size = np.linalg.svd(A / np.where(length > 0.0, length, 1.0), compute_uv=False)
     rank = int(np.sum(size > RANK * np.max(size, initial=0.0)))
-    return f"{system.nrows} rows of rank {rank}: {6 * system.nb - rank} degrees of freedom at the start"
+    words = f"{system.nrows} rows of rank {rank}: {6 * system.nb - rank} degrees of freedom at the start"
+    if rank == system.nrows:
+        return words
+    names = [system.joint_names[k] for k in find_redundant_joints(system, made.initial)]
+    return f"{words}; {system.nrows - rank} rows fewer in {', '.join(names)} would do"
+
+
+def find_redundant_joints(system: MultibodySystem, state: State) -> list[int]:
+    """The fewest joints, or nearly, that can lose all redundant rows: those of the others are independent.
+
+    Joints with few rows first, each is kept whose rows are independent of those kept before.
+    """
+    A = constraint_jacobian(system, state).toarray()
+    length = np.linalg.norm(A, axis=1, keepdims=True)
+    A = A / np.where(length > 0.0, length, 1.0)
+    rows = [np.arange(system.row_start[k], system.row_start[k + 1]) for k in range(system.nj)]
+    kept: list[int] = []
+    for k in sorted(range(system.nj), key=lambda k: len(rows[k])):
+        both = A[np.concatenate([rows[j] for j in (*kept, k)])]
+        size = np.linalg.svd(both, compute_uv=False)
+        if len(both) <= len(A.T) and size[-1] > RANK * size[0]:
+            kept.append(k)
+    return [k for k in range(system.nj) if k not in kept]
 
 
 def check_times(s: Subject) -> Finding:

@@ -1,0 +1,51 @@
+"""The table of docs/questions.md, made from docs/questions.toml.
+
+python docs/list_questions.py
+"""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+PAGE, DATA = HERE / "questions.md", HERE / "questions.toml"
+TABLE = re.compile(r"(?<=<!-- made from questions\.toml by list_questions\.py -->\n).*(?=<!-- end -->)", re.DOTALL)
+FIGURES = {"energy": r"energy drift +(\S+) J", "phi": r"\|phi_dot\| +(\S+) m", "error": r"^error +(\S+) m"}
+
+
+def read_questions() -> list[dict[str, Any]]:
+    """All questions in the order of the page."""
+    return list(tomllib.loads(DATA.read_text(encoding="utf-8"))["question"])
+
+
+def read_figure(question: dict[str, Any], printed: str) -> float:
+    """The number that answers it, in what its command prints."""
+    found = re.search(FIGURES.get(question["figure"], question["figure"]), printed, re.MULTILINE)
+    if found is None:
+        raise ValueError(f"{question['command']}: expected {question['figure']} in:\n{printed}")
+    return float(found[1])
+
+
+def stated(question: dict[str, Any]) -> tuple[float, float]:
+    """The number of its answer, and half a unit of its last digit."""
+    text = question["value"].split()[0]
+    mantissa, _, power = text.partition("e")
+    digits = len(mantissa.partition(".")[2])
+    return float(text), 0.5 * 10.0 ** (int(power or 0) - digits)
+
+
+def table() -> str:
+    """A row a question: threads, answer, command; what is missing where it is not answered."""
+    rows = ["| question | answer | command |", "|---|---|---|"]
+    for q in read_questions():
+        links = ", ".join(f"[{t}](https://github.com/{t.replace('#', '/issues/')})" for t in q["threads"])
+        answer = f"**Missing:** {q['missing']}." if "missing" in q else q["answer"].replace("{}", f"**{q['value']}**")
+        command = f"`{q['command'].strip()}`" if "command" in q else ""
+        rows.append(f"| {q['ask']} {links} | {answer} | {command} |".replace("|phi|", "phi"))
+    answered = sum("command" in q for q in read_questions())
+    return "\n".join([f"{answered} of {len(rows) - 2} are answered.", "", *rows]) + "\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(TABLE.sub(lambda _: table(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,106 @@
+"""How a relative change of a problem's numbers grows along its exact motion: the floor below which no code is at fault.
+
+Masses, inertias, points, axes, springs, gravity, start and time change at random, each number by its own draw. Both
+motions are integrated alike, so that the errors of the integration cancel in their difference. Points and axes of
+redundant joints stay: changed, they fit no start. Rounded poses open joints by the size of the poses, which is added.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from ...solvers.formulations.compiled.public import accelerations
+from ..mechanics.consistency import perturbed
+from ..mechanics.dynamics import moved
+from ..mechanics.jacobian import independent_rows
+from ..mechanics.motion import constraint_rate, energy, opened
+from ..mechanics.state import State, States
+from ..mechanics.system import MultibodySystem
+from ..metrics.scales import displacement, speeds
+from ..types import Law, Problem
+
+DRAWS = 6
+SIZE = 1e-6  # relative change: differences are right to four digits
+STEPS = 500  # of the explicit midpoint rule
+LENGTHS = ("joint_s_i", "joint_s_j", "spring_p_i", "spring_p_j")
+DIRECTIONS = ("joint_u", "joint_w", "joint_n", "torsion_u", "torsion_n")
+NUMBERS = ("mass", "gravity", "joint_length", "spring_k", "spring_d0", "spring_c", "torsion_k", "torsion_c",
+           "load_force", "load_torque", "load_factor")  # fmt: skip
+Key = tuple[Law, str]  # of an invariant with its name
+
+
+def measure_growth(problem: Problem) -> tuple[Float[np.ndarray, " nt"], dict[Key, Float[np.ndarray, " nt"]]]:
+    """Times, and by law how far one unit of relative change of all numbers carries it: root mean square of draws."""
+    t, base = _integrate(problem.system, problem.initial, problem.t_end)
+    redundant = len(independent_rows(problem.system, problem.initial)) < problem.system.nrows
+    zero = evaluate_laws(problem, base, base)
+    squares = {key: np.zeros(len(t)) for key in zero}
+    for seed in range(DRAWS):
+        random = np.random.default_rng(seed)
+        system = _change(problem.system, random, redundant=redundant)
+        _, other = _integrate(system, perturbed(system, problem.initial, SIZE, seed), problem.t_end)
+        late = SIZE * random.standard_normal() * t  # a clock that runs wrong
+        shifted = States(other.r + late[:, None, None] * base.v, other.R, other.v, other.Omega, t)
+        for key, series in evaluate_laws(problem, shifted, base).items():
+            squares[key] += (series - zero[key]) ** 2
+    growth = {key: np.maximum.accumulate(np.sqrt(a / DRAWS)) / SIZE for key, a in squares.items()}
+    arm = np.max(np.abs(problem.system.joint_s_i), initial=0.0)
+    place, speed = np.max(np.abs(base.r)) + arm, np.max(np.abs(base.v)) + arm * np.max(np.abs(base.Omega))
+    for (law, name), size in {
+        (Law.MOTION, ""): place, (Law.CONSTRAINT, ""): place,
+        (Law.VELOCITY, ""): speed, (Law.CONSTRAINT_RATE, ""): speed,
+    }.items():  # fmt: skip
+        if (law, name) in growth:
+            growth[law, name] = growth[law, name] + size
+    return t, growth
+
+
+def evaluate_laws(problem: Problem, s: States, exact: States) -> dict[Key, Float[np.ndarray, " nt"]]:
+    """What is zero in the exact motion, by law: distances from it, gaps of joints, changes of what is conserved."""
+    system = problem.system
+    metres = np.ones(system.nrows)
+    metres[system.turning_rows] = np.max(system.gyration)
+    away = States(exact.r, exact.R, s.v - exact.v, s.Omega - exact.Omega, s.t)
+    out: dict[Key, np.ndarray] = {
+        (Law.MOTION, ""): np.max(displacement(system, s, exact), axis=1),
+        (Law.VELOCITY, ""): np.max(speeds(system, away), axis=1),
+    }
+    if system.nrows:
+        out[Law.CONSTRAINT, ""] = np.linalg.norm(opened(system, s) * metres, axis=1)
+        out[Law.CONSTRAINT_RATE, ""] = np.linalg.norm(constraint_rate(system, s) * metres, axis=1)
+    at_home, exact_home = problem.home(s), problem.home(exact.at(slice(1)))
+    if system.is_conservative:
+        out[Law.ENERGY, ""] = energy(system, s) - energy(system, exact.at(slice(1)))
+    for kept in problem.invariants:
+        if kept.unit != "J":
+            out[Law.INVARIANT, kept.name] = np.asarray(kept.of(at_home)) - np.asarray(kept.of(exact_home))
+    return out
+
+
+def _change(system: MultibodySystem, random: np.random.Generator, *, redundant: bool) -> MultibodySystem:
+    def scaled(a: np.ndarray) -> np.ndarray:
+        return a * (1.0 + SIZE * random.standard_normal(a.shape))
+
+    def turned(a: np.ndarray) -> np.ndarray:
+        size = np.max(np.abs(a), axis=-1, keepdims=True)
+        return a + SIZE * size * random.standard_normal(a.shape)
+
+    noise = random.standard_normal(system.inertia.shape)
+    size = np.max(np.abs(system.inertia), axis=(1, 2), keepdims=True)
+    changes = {"inertia": system.inertia + 0.5 * SIZE * size * (noise + np.swapaxes(noise, 1, 2))}
+    if not redundant:
+        changes |= {n: turned(getattr(system, n)) for n in (*LENGTHS, *DIRECTIONS)}
+    changes |= {n: scaled(getattr(system, n)) for n in NUMBERS}
+    return dataclasses.replace(system, **changes)
+
+
+def _integrate(system: MultibodySystem, start: State, t_end: float) -> tuple[np.ndarray, States]:
+    h, s, out = t_end / STEPS, start, [start]
+    for _ in range(STEPS):
+        half = moved(s, accelerations(system, s), 0.5 * h)
+        s = moved(s, accelerations(system, half), h)
+        out.append(s)
+    t = h * np.arange(STEPS + 1)
+    r, R, v, Omega = (np.array([getattr(x, k) for x in out]) for k in ("r", "R", "v", "Omega"))
+    return t, States(r, R, v, Omega, t)

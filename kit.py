@@ -1,0 +1,52 @@
+"""``mbsbench.kit``: an engine's own tests step its model of our problems and get pass or fail (docs/engines.md).
+
+``kit.check(case, motion, order=..., precision=...)`` for each of ``kit.CASES``; in a terminal
+``python -m mbsbench.kit FILE.py:FUNCTION [CASE ...]``.
+"""
+
+import argparse
+import importlib.util
+import sys
+from pathlib import Path
+
+from .harness.kit.cases import CASES
+from .harness.kit.model import Model
+from .harness.kit.verdict import UNIT, EngineFailure, Passed, check
+
+__all__ = ["CASES", "EngineFailure", "Model", "Passed", "check"]
+
+
+def main() -> int:
+    """Check an engine from a terminal: 0 where all cases pass, 1 where one fails, 2 for a wrong call."""
+    parser = argparse.ArgumentParser("python -m mbsbench.kit", description="Check an engine's motion on our cases.")
+    parser.add_argument("motion", metavar="FILE.py:FUNCTION", help="yields r, q, v, omega of all bodies, step by step")
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (default: all)")
+    parser.add_argument("--order", type=float, default=1.0, help="that the engine claims (default: 1)")
+    parser.add_argument("--precision", choices=UNIT, default="float64", help="of its numbers (default: float64)")
+    parser.add_argument("--dt", type=float, default=2e-3, help="step [s]; it runs at half of it, too (default: 0.002)")
+    given = parser.parse_args()
+    path, _, function = given.motion.rpartition(":")
+    spec = importlib.util.spec_from_file_location(Path(path).stem, path) if Path(path).is_file() else None
+    if spec is None or spec.loader is None:
+        parser.error(f"expected FILE.py:FUNCTION, a file that exists (got {given.motion!r})")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if not hasattr(module, function):
+        parser.error(f"{path} has no function {function!r}")
+    failed = 0
+    for case in given.cases or CASES:
+        try:
+            passed = check(case, getattr(module, function), order=given.order, precision=given.precision, dt=given.dt)
+            law, share = max(passed.shares.items(), key=lambda x: x[1])
+            words = f"at most {share:.2g} of what is allowed ({law}); rounding alone: {passed.rounding:.2g} m"
+            print(f"{case}: passed, {words}")  # noqa: T201
+        except EngineFailure as error:
+            failed += 1
+            print(error)  # noqa: T201
+        except ValueError as error:
+            parser.error(f"{case}: {error}")
+    return int(failed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,50 @@
+"""docs/questions.md: each answer is a number that its command prints, to the digits stated."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mbsbench.harness.results.environment import ROOT
+
+sys.path.insert(0, str(ROOT / "docs"))
+import list_questions
+
+QUESTIONS = list_questions.read_questions()
+WIDE = "1000"  # columns, so that no word of a table is wrapped
+
+
+def test_the_page_is_made_of_the_data():
+    (found,) = list_questions.TABLE.findall(list_questions.PAGE.read_text(encoding="utf-8"))
+    assert found == list_questions.table()
+
+
+def test_every_question_is_answered_or_says_what_is_missing():
+    assert len(QUESTIONS) == 46
+    for q in QUESTIONS:
+        assert ("missing" in q) != ("command" in q) and all("#" in t for t in q["threads"])
+        assert "command" not in q or (q["answer"].count("{}") == 1 and q["figure"] and q["value"])
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        pytest.param(q, id=q["ask"], marks=[pytest.mark.slow] * q.get("slow", False))
+        for q in QUESTIONS
+        if "command" in q
+    ],
+)
+def test_the_command_prints_the_number_of_its_answer(question, tmp_path):
+    for engine in question.get("needs", []):
+        if importlib.util.find_spec(engine) is None:
+            pytest.skip(f"{engine} is not installed: make engines")
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
+    env = {**os.environ, "PATH": path, "COLUMNS": WIDE}
+    ran = subprocess.run(question["command"], shell=True, cwd=tmp_path, env=env, capture_output=True, text=True)  # noqa: PLW1510
+    value, half_unit = list_questions.stated(question)
+    found = list_questions.read_figure(question, ran.stdout + ran.stderr)
+    assert abs(found - value) <= 1.01 * half_unit, f"{found} is not {question['value']}"
