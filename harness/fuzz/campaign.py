@@ -1,7 +1,7 @@
 """All codes on all mechanisms, in processes of their own: one that crashes costs the mechanism at work."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -15,7 +15,7 @@ from .mechanism import Mechanism
 from .oracle import FLOOR, Kind, Oracle, Outcome
 from .presenting import Form
 
-CHUNK, MEMORY, CPU = 20, 4000.0, 3.0  # mechanisms of a process, its [MB], and [s] for a code on a mechanism
+CHUNK, MEMORY, CPU = 80, 4000.0, 3.0  # pairs of a process, its [MB], and [s] of CPU time for a pair
 UNITS = (1e-3, 0.1, 1.0, 10.0, 1e3)
 PARTS = ("split", "rotation", "mirror", "duplicate", "renumber", "units")
 Pair = tuple[int, str]  # number of the mechanism, solver
@@ -47,14 +47,10 @@ def make_oracle(seed: int, number: int, floor: float = FLOOR) -> Oracle:
     return Oracle(m, draw_form(seed, number, m), floor)
 
 
-def run_campaign(
-    seed: int, numbers: Sequence[int], solvers: Sequence[str], jobs: int, floor: float = FLOOR
-) -> Iterator[Outcome]:
-    """The outcomes as chunks of mechanisms are done."""
-    _warm(seed, solvers)
-    pairs = [(n, solver) for n in numbers for solver in solvers]
-    size = CHUNK * len(solvers)
-    waiting = [pairs[k : k + size] for k in range(0, len(pairs), size)][::-1]
+def run_campaign(seed: int, pairs: Sequence[Pair], jobs: int, floor: float = FLOOR) -> Iterator[Outcome]:
+    """The outcomes as chunks of ``pairs`` are done."""
+    _warm(seed, {solver for _, solver in pairs})
+    waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]
     active: list[tuple[list[Pair], Apart]] = []
     try:
         while waiting or active:
@@ -99,7 +95,7 @@ def _read(chunk: Sequence[Pair], ended: Ended) -> tuple[list[Outcome], list[Pair
     return [*outcomes, Outcome(solver, Kind.CRASHED, words=words, number=number)], list(chunk[len(outcomes) + 1 :])
 
 
-def _warm(seed: int, solvers: Sequence[str]) -> None:
+def _warm(seed: int, solvers: Iterable[str]) -> None:
     """Compile our kernels before all forks; other people's codes stay out of this process."""
     own = [s for s in solvers if registry.is_own_solver(s) and s not in registry.engines()]
     oracle = make_oracle(seed, 0)

@@ -57,6 +57,11 @@ class Outcome:
     limit: float = 0.0
     number: int = -1
 
+    @property
+    def strength(self) -> float:
+        """The deviation over its limit."""
+        return min(self.deviation) / self.limit if self.limit else 0.0
+
 
 @dataclass(frozen=True)
 class Oracle:
@@ -115,11 +120,12 @@ class Oracle:
         ends = [[m[-1] for m in pair if not isinstance(m, str)] for pair in motions]
         halves = [self.apart(*pair) for pair in ends]
         true, spread = self.truth
-        floor = self.floor * self.mechanism.size + AMPLIFIED * spread
         between = self.apart(ends[0][0], ends[1][0]), self.apart(ends[0][1], ends[1][1])
-        found = replace(found, deviation=between, own=sum(halves), limit=TIMES * sum(halves) + floor)
+        found = replace(found, deviation=between, own=sum(halves))
         if true is None or spread > self.floor * self.mechanism.size:
             return replace(found, kind=Kind.UNDECIDED)
+        floor = self.floor * self.mechanism.size + AMPLIFIED * spread
+        found = replace(found, limit=TIMES * sum(halves) + floor)
         if min(between) > found.limit:
             return replace(found, kind=Kind.PRESENTATION)
         for pair, half, which in zip(ends, halves, (Form(), form), strict=True):
