@@ -1,7 +1,7 @@
 """All codes on all mechanisms, in processes of their own: one that crashes costs the mechanism at work."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -47,7 +47,9 @@ def make_oracle(seed: int, number: int, floor: float = FLOOR) -> Oracle:
     return Oracle(m, draw_form(seed, number, m), floor)
 
 
-def run_campaign(seed: int, pairs: Sequence[Pair], jobs: int, floor: float = FLOOR) -> Iterator[Outcome]:
+def run_campaign(
+    seed: int, pairs: Sequence[Pair], jobs: int, floor: float = FLOOR, options: Mapping[str, str] | None = None
+) -> Iterator[Outcome]:
     """The outcomes as chunks of ``pairs`` are done."""
     _warm(seed, {solver for _, solver in pairs})
     waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]
@@ -56,7 +58,7 @@ def run_campaign(seed: int, pairs: Sequence[Pair], jobs: int, floor: float = FLO
         while waiting or active:
             while waiting and len(active) < jobs:
                 chunk = waiting.pop()
-                active.append((chunk, _begin(seed, chunk, floor)))
+                active.append((chunk, _begin(seed, chunk, floor, options or {})))
             time.sleep(TICK)
             for one in list(active):
                 chunk, process = one
@@ -72,13 +74,13 @@ def run_campaign(seed: int, pairs: Sequence[Pair], jobs: int, floor: float = FLO
             process.wait()
 
 
-def _begin(seed: int, chunk: Sequence[Pair], floor: float) -> Apart:
+def _begin(seed: int, chunk: Sequence[Pair], floor: float, options: Mapping[str, str]) -> Apart:
     def target(send: Callable[[str], None]) -> None:
         oracle, last = None, -1
         for number, solver in chunk:
             if oracle is None or number != last:
                 oracle, last = make_oracle(seed, number, floor), number
-            found = replace(oracle.examine(solver), number=number)
+            found = replace(oracle.examine(solver, registry.make_solver(solver, options)), number=number)
             send(msgspec.json.encode(found).decode())
 
     return Apart(target, limit=60.0 + CPU * len(chunk), memory=MEMORY)

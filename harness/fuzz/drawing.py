@@ -112,8 +112,8 @@ def _finished(
     bodies = []
     for place in places:
         mass = 10.0 ** (decades * random.uniform(-0.5, 0.5))
-        turn = np.array(_vector(random, simple, 1.0)) * (np.pi if simple else 1.0)
-        turn = _vec(turn * (simple is False or np.count_nonzero(turn) == 1))
+        angles = np.array(_vector(random, simple, 1.0)) * (np.pi if simple else 1.0)
+        turn = _vec(angles * (simple is False or np.count_nonzero(angles) == 1))  # right angles about one axis
         velocity, spin = (_vec(speed * np.array(_vector(random, simple, 1.0))) for _ in range(2))
         mass = float(f"{mass:.1g}") if simple else mass
         bodies.append(Body(mass, _inertia(random, simple, mass, spread), place, turn, velocity, spin))
@@ -126,7 +126,8 @@ def _finished(
             length = float(np.linalg.norm(np.array(start) - ends[1]))
             if i != j and length > 0.3:
                 k, c = bodies[i].mass * random.uniform(5.0, 200.0), random.choice((0.0, 0.02))
-                springs.append(Spring(i, j, start, ends[1], k, length * random.choice((0.8, 1.0, 1.2)), float(c * k)))
+                rest = length * float(random.choice((0.8, 1.0, 1.2)))
+                springs.append(Spring(i, j, start, ends[1], k, rest, float(c * k)))
     down = [(0.0, 0.0, -9.81), (0.0, -9.81, 0.0), ZERO, _vec(9.81 * np.array(_axis(random, False)))]
     gravity = down[random.integers(len(down))]
     if Q is not None and random.random() < 0.5:

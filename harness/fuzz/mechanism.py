@@ -89,7 +89,8 @@ class Mechanism:
     @property
     def size(self) -> float:
         """Largest distance of two points that matter [m]."""
-        points = [b.place for b in self.bodies] + [c.point for c in self.connections] + [s.point_j for s in self.springs]
+        points = [b.place for b in self.bodies]
+        points += [c.point for c in self.connections] + [s.point_j for s in self.springs]
         return max(float(np.max(np.ptp(np.array(points), axis=0))), 0.1)
 
     def timed(self) -> "Mechanism":

@@ -61,7 +61,7 @@ class Form:
         return replace(found, states=home, reaction=None)
 
     def parts(self) -> tuple["Form", ...]:
-        """This form with one of its changes taken back, for each of them."""
+        """Forms with one of the changes taken back, for each of them."""
         out = []
         if self.split:
             out.append(replace(self, split=0))
@@ -112,20 +112,17 @@ class _Parts:
         left = s.inertia[b] - SHARE * (1.0 - SHARE) * s.mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
         parts = [RigidBody(share * s.mass[b], share * left) for share in (SHARE, 1.0 - SHARE)]
         welded = assemble(parts, self._weld(weld))
-        second = {b: s.nb}
         changes: dict[str, Any] = {
             "mass": np.append(s.mass, parts[1].mass), "inertia": np.concatenate((s.inertia, parts[1].inertia[None]))
         }  # fmt: skip
         changes["mass"][b], changes["inertia"][b] = parts[0].mass, parts[0].inertia
         for of, arm in (("joint", "joint_s"), ("spring", "spring_p")):
-            moved = 0
             ends = {e: np.array(getattr(s, f"{of}_{e}")) for e in "ij"}
             arms = {e: np.array(getattr(s, f"{arm}_{e}")) for e in "ij"}
-            for k, e in ((k, e) for k in range(len(ends["i"])) for e in "ij" if ends[e][k] == b):
-                moved += 1
-                arms[e][k] -= self.offsets[moved % 2]
-                if moved % 2:
-                    ends[e][k] = second[b]
+            own = [(k, e) for k in range(len(ends["i"])) for e in "ij" if ends[e][k] == b]
+            for n, (k, e) in enumerate(own, 1):
+                arms[e][k] -= self.offsets[n % 2]
+                ends[e][k] = (b, s.nb)[n % 2]
             changes |= {f"{of}_{e}": ends[e] for e in "ij"} | {f"{arm}_{e}": arms[e] for e in "ij"}
         number = np.array([b, s.nb])
         for name, more in vars(welded).items():
@@ -161,7 +158,7 @@ class _Parts:
 
     def _weld(self, weld: Weld) -> list[Joint]:
         """Of part 0 and part 1, at the C of the whole body."""
-        x, y, z = np.eye(3)
+        x, _, z = np.eye(3)
         at = [-offset for offset in self.offsets]
         if weld == "fixed":
             return [Joint(1, at[1], 0, at[0], z, z, "weld", JointKind.FIXED, x, x)]

@@ -80,10 +80,11 @@ def _simpler(case: Case) -> Iterator[Case]:
         yield m, replace(form, plain=replace(form.plain, renumber=1))
     for digits in (1, 2):
         yield _rounded(m, digits), form
-    for change in (_at_rest, _unturned, _plain_mass):
+    plainer: tuple[Callable[[Body], Body], ...] = (_at_rest, _unturned, _plain_mass)
+    for change in plainer:
         yield replace(m, bodies=tuple(map(change, m.bodies))), form
     for k, b in enumerate(m.bodies):
-        for change in (_at_rest, _unturned, _plain_mass, *(_at(place) for place in {c.point for c in m.connections})):
+        for change in (*plainer, *(_at(place) for place in dict.fromkeys(c.point for c in m.connections))):
             yield replace(m, bodies=(*m.bodies[:k], change(b), *m.bodies[k + 1 :])), form
     for k, c in enumerate(m.connections):
         for simple in (replace(c, kind=JointKind.SPHERICAL, axis=(0.0, 0.0, 1.0)), replace(c, axis=(0.0, 0.0, 1.0))):
@@ -106,21 +107,21 @@ def _without(m: Mechanism, body: int, grounded: bool) -> Mechanism:
         return GROUND if b == body else b - (b > body)
 
     bodies = m.bodies[:body] + m.bodies[body + 1 :]
-    out: list[list[Connection] | list[Spring]] = []
-    for parts in (m.connections, m.springs):
-        kept = []
-        for p in parts:
-            i, j = at(p.i), at(p.j)
-            if (body in (p.i, p.j) and not grounded) or i == j:
-                continue
-            if i == GROUND:
-                i, j = j, i
-                ends = {"point": p.far, "far": p.point} if isinstance(p, Connection) and p.kind == JointKind.DISTANCE \
-                    else {} if isinstance(p, Connection) else {"point_i": p.point_j, "point_j": p.point_i}
-                p = replace(p, **ends)
-            kept.append(replace(p, i=i, j=j))
-        out.append(kept)
-    return replace(m, bodies=bodies, connections=tuple(out[0]), springs=tuple(out[1]))  # type: ignore[arg-type]
+    connections = [
+        replace(c, i=at(c.i), j=at(c.j)) if at(c.i) != GROUND
+        else replace(c, i=at(c.j), j=at(c.i), point=c.far if c.kind == JointKind.DISTANCE else c.point, far=c.point)
+        for c in m.connections if _stays(c, body, grounded) and at(c.i) != at(c.j)
+    ]  # fmt: skip
+    springs = [
+        replace(s, i=at(s.i), j=at(s.j)) if at(s.i) != GROUND
+        else replace(s, i=at(s.j), j=at(s.i), point_i=s.point_j, point_j=s.point_i)
+        for s in m.springs if _stays(s, body, grounded) and at(s.i) != at(s.j)
+    ]  # fmt: skip
+    return replace(m, bodies=bodies, connections=tuple(connections), springs=tuple(springs))
+
+
+def _stays(part: Connection | Spring, body: int, grounded: bool) -> bool:
+    return grounded or body not in (part.i, part.j)
 
 
 def _kept(form: Form, m: Mechanism, body: int) -> Form:
