@@ -35,7 +35,9 @@ def shrink(case: Case, wanted: Callable[[Case], bool], most: int = MOST) -> Case
     return case
 
 
-def shrink_outcome(oracle: Oracle, found: Outcome, examine: Callable[[Oracle], Outcome]) -> tuple[Oracle, Outcome]:
+def shrink_outcome(
+    oracle: Oracle, found: Outcome, examine: Callable[[Oracle], Outcome], most: int = MOST
+) -> tuple[Oracle, Outcome]:
     """The smallest mechanism and form with an outcome of the same kind."""
 
     def wanted(case: Case) -> bool:
@@ -46,7 +48,7 @@ def shrink_outcome(oracle: Oracle, found: Outcome, examine: Callable[[Oracle], O
             return False
 
     first = (oracle.mechanism, found.form)
-    case = shrink(first, wanted) if wanted(first) else (oracle.mechanism, oracle.form)
+    case = shrink(first, wanted, most) if wanted(first) else (oracle.mechanism, oracle.form)
     smallest = Oracle(*case, oracle.floor)
     return smallest, replace(examine(smallest), number=found.number)
 
