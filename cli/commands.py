@@ -38,8 +38,8 @@ def add_commands(commands: Any) -> None:
     """Add the parser of every subcommand."""
     for add in (
         _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_ensemble,
-        _add_referee, _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff, _add_merge,
-        _add_bundle, _add_submit, _add_ladder, _add_history, _add_figures,
+        _add_fuzz, _add_referee, _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff,
+        _add_merge, _add_bundle, _add_submit, _add_ladder, _add_history, _add_figures,
     ):  # fmt: skip
         add(commands)
 
@@ -154,6 +154,27 @@ def _add_ensemble(commands: Any) -> None:
     add_set(p, "--set", f"{', '.join(CONTROL)} of the solvers that take it")
     p.add_argument("--truth", default=TRUTH, metavar="NAME", help=f"error-controlled true solver (default: {TRUTH})")
     p.add_argument("--html", metavar="FILE", help="also write scores, clouds and rank histograms to one HTML page")
+    add_plugin(p)
+    add_jobs(p)
+
+
+def _add_fuzz(commands: Any) -> None:
+    words = (
+        "examine solvers on random mechanisms, each in two forms (turned, renumbered, mirrored, a body split, a joint "
+        "repeated, other units), against each other and the truth; exit code 1 where a deviation is confirmed"
+    )
+    p = subcommand(commands, "fuzz", words, "one object")
+    p.add_argument("solvers", nargs="+", metavar="SOLVER", help="name of a solver (see mbsbench list)")
+    p.add_argument("--mechanisms", type=positive_int, default=100, metavar="N", help="how many (default: 100)")
+    p.add_argument("--seed", type=positive_int, default=SEED, metavar="S", help=f"random seed (default: {SEED})")
+    p.add_argument("--first", type=int, default=0, metavar="K", help="number of the first (default: 0)")
+    floor = "smallest deviation that counts, of the size of the mechanism (default: 1e-7; 1e-3 suits float32)"
+    p.add_argument("--floor", type=positive_float, default=1e-7, metavar="X", help=floor)
+    shrink = "findings of a sort that are shrunk and written (default: 2)"
+    p.add_argument("--shrink", type=positive_int, default=2, metavar="N", help=shrink)
+    add_set(p, "--set", "option of the solvers")
+    p.add_argument("--repeat", metavar="CASE.json", help="examine this written case again, and no others")
+    p.add_argument("--out", metavar="DIR", help="folder to write (default: results/local/fuzz-<time>)")
     add_plugin(p)
     add_jobs(p)
 

@@ -9,7 +9,7 @@ WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measu
 GROUPS = {  # of commands, in the order of --help
     "run": "solve run advise ensemble",
     "look": "list show report figures history",
-    "put yours in": "check try referee shadow export submit ladder",
+    "put yours in": "check try fuzz referee shadow export submit ladder",
     "judge": "judge claim gate",
     "keep results": "verify diff merge bundle",
 }

@@ -1,0 +1,105 @@
+"""All codes on all mechanisms, in processes of their own: one that crashes costs the mechanism at work."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+
+from ..catalogue import registry
+from ..mechanics.presentation import SPACE_AXES, Presentation
+from ..sandbox.apart import TICK, Apart, Ended
+from .drawing import draw_mechanism
+from .mechanism import Mechanism
+from .oracle import FLOOR, Kind, Oracle, Outcome
+from .presenting import Form
+
+CHUNK, MEMORY, CPU = 80, 4000.0, 3.0  # pairs of a process, its [MB], and [s] of CPU time for a pair
+UNITS = (1e-3, 0.1, 1.0, 10.0, 1e3)
+PARTS = ("split", "rotation", "mirror", "duplicate", "renumber", "units")
+Pair = tuple[int, str]  # number of the mechanism, solver
+
+
+def draw_form(seed: int, number: int, m: Mechanism) -> Form:
+    """How mechanism ``number`` is presented: mostly one change, sometimes several."""
+    random = np.random.default_rng((seed, number, 2**31))
+    possible = [p for p in PARTS if p != "duplicate" or m.connections]
+    several = random.random() < 0.25
+    parts = [p for p in possible if random.random() < 0.5] if several else []
+    parts = parts or [possible[random.integers(len(possible))]]
+    plain = Presentation(
+        mirror=str(random.choice(list(SPACE_AXES)[1:])) if "mirror" in parts else "none",
+        duplicate=int(random.integers(len(m.connections))) + 1 if "duplicate" in parts else 0,
+        renumber=int(random.integers(1, 1000)) if "renumber" in parts else 0,
+    )
+    if "units" in parts:
+        units = {f"unit_{n}": float(random.choice(UNITS)) for n in ("length", "mass", "time")}
+        plain = Presentation(plain.mirror, plain.duplicate, plain.renumber, **units)
+    turned = tuple(float(f"{x:.3g}") for x in random.standard_normal(3)) if "rotation" in parts else (0.0, 0.0, 0.0)
+    split = int(random.integers(len(m.bodies))) + 1 if "split" in parts else 0
+    return Form(split, "fixed", turned, plain)  # type: ignore[arg-type]
+
+
+def make_oracle(seed: int, number: int, floor: float = FLOOR) -> Oracle:
+    """Mechanism ``number`` in both forms."""
+    m = draw_mechanism(seed, number)
+    return Oracle(m, draw_form(seed, number, m), floor)
+
+
+def run_campaign(
+    seed: int, pairs: Sequence[Pair], jobs: int, floor: float = FLOOR, options: Mapping[str, str] | None = None
+) -> Iterator[Outcome]:
+    """The outcomes as chunks of ``pairs`` are done."""
+    _warm(seed, {solver for _, solver in pairs})
+    waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]
+    active: list[tuple[list[Pair], Apart]] = []
+    try:
+        while waiting or active:
+            while waiting and len(active) < jobs:
+                chunk = waiting.pop()
+                active.append((chunk, _begin(seed, chunk, floor, options or {})))
+            time.sleep(TICK)
+            for one in list(active):
+                chunk, process = one
+                if (ended := process.look()) is None:
+                    continue
+                active.remove(one)
+                outcomes, left = _read(chunk, ended)
+                yield from outcomes
+                waiting += [left] if left else []
+    finally:
+        for _, process in active:
+            process.kill()
+            process.wait()
+
+
+def _begin(seed: int, chunk: Sequence[Pair], floor: float, options: Mapping[str, str]) -> Apart:
+    def target(send: Callable[[str], None]) -> None:
+        oracle, last = None, -1
+        for number, solver in chunk:
+            if oracle is None or number != last:
+                oracle, last = make_oracle(seed, number, floor), number
+            found = replace(oracle.examine(solver, registry.make_solver(solver, options)), number=number)
+            send(msgspec.json.encode(found).decode())
+
+    return Apart(target, limit=60.0 + CPU * len(chunk), memory=MEMORY)
+
+
+def _read(chunk: Sequence[Pair], ended: Ended) -> tuple[list[Outcome], list[Pair]]:
+    """The outcomes sent; where a code ended the process, its crash and the pairs that are left."""
+    lines = [line for line in ended.sent.splitlines() if line]
+    outcomes = [msgspec.json.decode(line, type=Outcome) for line in lines]
+    if len(outcomes) == len(chunk):
+        return outcomes, []
+    number, solver = chunk[len(outcomes)]
+    words = f"over its limit of {ended.over} time" if ended.over else ended.words
+    return [*outcomes, Outcome(solver, Kind.CRASHED, words=words, number=number)], list(chunk[len(outcomes) + 1 :])
+
+
+def _warm(seed: int, solvers: Iterable[str]) -> None:
+    """Compile our kernels before all forks; other people's codes stay out of this process."""
+    own = [s for s in solvers if registry.is_own_solver(s) and s not in registry.engines()]
+    oracle = make_oracle(seed, 0)
+    for solver in own:
+        oracle.examine(solver)

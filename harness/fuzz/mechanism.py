@@ -1,0 +1,129 @@
+"""A mechanism as plain numbers of its start in space, which any change leaves closed: points and axes are shared there.
+
+What a joint or spring needs in the frames of bodies is computed from their poses; velocities are moved onto the joints.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics import so3
+from ..mechanics.consistency import project
+from ..mechanics.dynamics import accelerations
+from ..mechanics.joints import Joint, JointKind
+from ..mechanics.state import State
+from ..mechanics.system import GROUND, RigidBody, SpringDamper, assemble
+from ..types import Problem
+
+Vec = tuple[float, float, float]
+ZERO: Vec = (0.0, 0.0, 0.0)
+TURN, LONGEST = 0.05, 0.01  # angle of a step [rad] and longest step [s]
+FASTER = 2  # times the size of the mechanism: rates of a point mass are those of its arm
+
+
+@dataclass(frozen=True)
+class Body:
+    """Mass [kg], inertia about C in the body's frame [kg m2], C [m], rotation vector, velocity of C, Omega."""
+
+    mass: float
+    inertia: tuple[Vec, Vec, Vec]
+    place: Vec
+    turn: Vec = ZERO
+    velocity: Vec = ZERO
+    spin: Vec = ZERO
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A joint of bodies i and j (-1: ground) at a point of space, with its axis; a distance has a second point."""
+
+    kind: JointKind
+    i: int
+    j: int
+    point: Vec
+    axis: Vec = (0.0, 0.0, 1.0)
+    far: Vec = ZERO
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring-damper between points of space, carried by bodies i and j."""
+
+    i: int
+    j: int
+    point_i: Vec
+    point_j: Vec
+    stiffness: float
+    rest: float
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """All of a random mechanism; ``t_end`` [s] are ``steps`` steps."""
+
+    bodies: tuple[Body, ...]
+    connections: tuple[Connection, ...] = ()
+    springs: tuple[Spring, ...] = ()
+    gravity: Vec = (0.0, 0.0, -9.81)
+    dt: float = LONGEST
+    steps: int = 100
+
+    def problem(self) -> Problem:
+        """As a problem, or ValueError where no start satisfies the joints."""
+        r = np.array([b.place for b in self.bodies] + [ZERO])
+        R = so3.exp(np.array([b.turn for b in self.bodies] + [ZERO]))
+        system = assemble(
+            [RigidBody(b.mass, np.array(b.inertia)) for b in self.bodies],
+            [_joint(c, k, r, R) for k, c in enumerate(self.connections)],
+            np.array(self.gravity),
+            [SpringDamper(s.i, _seen(r, R, s.i, s.point_i), s.j, _seen(r, R, s.j, s.point_j), s.stiffness, s.rest,
+                          s.damping) for s in self.springs],
+        )  # fmt: skip
+        moving = np.array([(b.velocity, b.spin) for b in self.bodies])
+        start = project(system, State(r[:-1], R[:-1], moving[:, 0], moving[:, 1]))
+        t_end = self.steps * self.dt
+        return Problem("fuzz", system, start, t_end=t_end, dt=self.dt, section="", source="drawn at random")
+
+    @property
+    def size(self) -> float:
+        """Largest distance of two points that matter [m]."""
+        points = [b.place for b in self.bodies]
+        points += [c.point for c in self.connections] + [s.point_j for s in self.springs]
+        return max(float(np.max(np.ptp(np.array(points), axis=0))), 0.1)
+
+    def timed(self) -> "Mechanism":
+        """With steps in which nothing turns by more than ``TURN``, by what moves and acts at the start."""
+        p = self.problem()
+        rates = accelerations(p.system, p.initial)
+        stiff = [s.stiffness / min(self.bodies[b].mass for b in (s.i, s.j) if b != GROUND) for s in self.springs]
+        values = [
+            np.abs(p.initial.Omega), np.abs(p.initial.v) / self.size, np.sqrt(np.abs(rates.v_dot) / self.size),
+            np.sqrt(np.abs(rates.Omega_dot)), FASTER * np.sqrt(np.array(stiff)),
+        ]  # fmt: skip
+        fastest = max(float(np.max(a, initial=0.0)) for a in values)
+        return replace(self, dt=float(f"{min(LONGEST, TURN / max(fastest, 1e-9)):.2g}"))
+
+
+def _joint(c: Connection, k: int, r: Float[np.ndarray, "places 3"], R: Float[np.ndarray, "places 3 3"]) -> Joint:
+    x = np.array(c.point)
+    far = np.array(c.far) if c.kind == JointKind.DISTANCE else x
+    ends = _seen(r, R, c.i, x), c.j, _seen(r, R, c.j, far)
+    name = f"{c.kind} {k + 1}"
+    if c.kind == JointKind.DISTANCE:
+        return Joint(c.i, *ends, name=name, kind=c.kind, length=float(np.linalg.norm(x - far)))
+    if c.kind == JointKind.SPHERICAL:
+        return Joint(c.i, *ends, name=name, kind=c.kind)
+    axis, across = np.array(c.axis), None
+    if c.kind in (JointKind.FIXED, JointKind.PRISMATIC):
+        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    sides = [(R[b].T @ axis, None if across is None else R[b].T @ across) for b in (c.i, c.j)]
+    (axis_i, across_i), (axis_j, across_j) = sides
+    return Joint(c.i, *ends, axis_i, axis_j, name, c.kind, across_i, across_j)
+
+
+def _seen(r: np.ndarray, R: np.ndarray, body: int, x: Float[np.ndarray, " 3"] | Vec) -> Float[np.ndarray, " 3"]:
+    """A point of space in the frame of a body, from its C."""
+    out: np.ndarray = R[body].T @ (np.array(x) - r[body])
+    return out

@@ -1,0 +1,166 @@
+"""A problem presented otherwise: a body split into two welded ones, all of it turned, then ``mechanics.presentation``.
+
+``split`` takes half of the largest second moment of a body out of it, along its axis: so far apart are the centres of
+the two parts, and both are bodies that can exist. The first keeps the number, the second is the last body; every second
+joint and spring of the body goes with it. The weld is a fixed joint, or for codes that have none a hinge and a ball
+beside its axis, with two rows too many.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ..catalogue.registry import in_frame
+from ..execution.presenting import PresentedSolver, present_problem
+from ..mechanics import so3
+from ..mechanics.joints import Joint, JointKind
+from ..mechanics.presentation import Presentation
+from ..mechanics.state import State, States, rotated
+from ..mechanics.system import MultibodySystem, RigidBody, assemble
+from ..types import Problem, Solver, StepControl, Trajectory
+
+Weld = Literal["fixed", "pinned"]
+SHARE = 0.4  # of the mass, to the first part
+TAKEN = 0.5  # of the largest second moment, by the distance of the parts
+ALIKE = 1e-6  # relative: below, a body has no inertia about an axis through the parts
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a problem is presented; the defaults leave it as it is."""
+
+    split: int = 0  # body that is split, counted from 1; 0: none
+    weld: Weld = "fixed"
+    rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rotation vector of everything
+    plain: Presentation = field(default_factory=Presentation)
+
+    def problem(self, problem: Problem) -> Problem:
+        """``problem`` split and turned, with the rest of the form as its presentation."""
+        bare = replace(problem, reference_from=None, observables=(), invariants=(), presentation=Presentation())
+        if self.split:
+            parts = _Parts(problem.system, self.split - 1)
+            bare = replace(bare, system=parts.system(self.weld), initial=parts.state(problem.initial))
+        return replace(in_frame(bare, so3.exp(np.array(self.rotation))), presentation=self.plain)
+
+    def seen(self, problem: Problem) -> Problem:
+        """``problem`` as a code gets it."""
+        return present_problem(self.problem(problem), StepControl(dt=problem.dt))[0]
+
+    def refuses(self, solver: Solver, problem: Problem, control: StepControl) -> str | None:
+        """Why ``solver`` cannot take this form of ``problem``, or None."""
+        return PresentedSolver(solver).refuses(self.problem(problem), control)
+
+    def solve(self, solver: Solver, problem: Problem, control: StepControl) -> Trajectory:
+        """The motion of the bodies of ``problem``, which the solver gets in this form; without reactions."""
+        found = PresentedSolver(solver).solve(self.problem(problem), control)
+        home = rotated(found.states, so3.exp(-np.array(self.rotation)))
+        if self.split:
+            home = _Parts(problem.system, self.split - 1).states_back(home)
+        return replace(found, states=home, reaction=None)
+
+    def parts(self) -> tuple["Form", ...]:
+        """Forms with one of the changes taken back, for each of them."""
+        out = []
+        if self.split:
+            out.append(replace(self, split=0))
+        if any(self.rotation):
+            out.append(replace(self, rotation=(0.0, 0.0, 0.0)))
+        for name, default in vars(Presentation()).items():
+            if getattr(self.plain, name) != default:
+                out.append(replace(self, plain=replace(self.plain, **{name: default})))
+        return tuple(out)
+
+    def __str__(self) -> str:
+        """In the words of ``--problem-set``."""
+        words = [f"split={self.split}", f"weld={self.weld}"] if self.split else []
+        if any(self.rotation):
+            words.append("rotation=" + ",".join(f"{x:.17g}" for x in self.rotation))
+        for name, default in vars(Presentation()).items():
+            if (value := getattr(self.plain, name)) != default:
+                words.append(f"{name}={value}")
+        return " ".join(words) or "as drawn"
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """A body of a system in two parts."""
+
+    whole: MultibodySystem
+    body: int
+
+    @property
+    def way(self) -> Float[np.ndarray, " 3"]:
+        """From the C of the second part to that of the first, frame of the body."""
+        mass, J = self.whole.mass[self.body], self.whole.inertia[self.body]
+        moments, axes = np.linalg.eigh(0.5 * np.trace(J) * np.eye(3) - J)
+        largest = moments[2] if moments[2] > ALIKE * np.trace(J) else 0.0
+        out: np.ndarray = np.sqrt(TAKEN * largest / (SHARE * (1.0 - SHARE) * mass)) * axes[:, 2]
+        return out
+
+    @property
+    def offsets(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+        """From the C of the body to those of the parts, frame of the body."""
+        return (1.0 - SHARE) * self.way, -SHARE * self.way
+
+    def system(self, weld: Weld) -> MultibodySystem:
+        """The parts, and their weld as the last joint (the last two, if it is pinned)."""
+        s, b, d = self.whole, self.body, self.way
+        if len(s.user_i) or len(s.load_i):
+            raise ValueError("split takes no system with loads or user forces")
+        left = s.inertia[b] - SHARE * (1.0 - SHARE) * s.mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
+        parts = [RigidBody(share * s.mass[b], share * left) for share in (SHARE, 1.0 - SHARE)]
+        welded = assemble(parts, self._weld(weld))
+        changes: dict[str, Any] = {
+            "mass": np.append(s.mass, parts[1].mass), "inertia": np.concatenate((s.inertia, parts[1].inertia[None]))
+        }  # fmt: skip
+        changes["mass"][b], changes["inertia"][b] = parts[0].mass, parts[0].inertia
+        for of, arm in (("joint", "joint_s"), ("spring", "spring_p")):
+            ends = {e: np.array(getattr(s, f"{of}_{e}")) for e in "ij"}
+            arms = {e: np.array(getattr(s, f"{arm}_{e}")) for e in "ij"}
+            own = [(k, e) for k in range(len(ends["i"])) for e in "ij" if ends[e][k] == b]
+            for n, (k, e) in enumerate(own, 1):
+                arms[e][k] -= self.offsets[n % 2]
+                ends[e][k] = (b, s.nb)[n % 2]
+            changes |= {f"{of}_{e}": ends[e] for e in "ij"} | {f"{arm}_{e}": arms[e] for e in "ij"}
+        number = np.array([b, s.nb])
+        for name, more in vars(welded).items():
+            if name.startswith("joint_") and isinstance(more, np.ndarray):
+                more = number[more] if name in ("joint_i", "joint_j") else more
+                changes[name] = np.concatenate((changes.get(name, getattr(s, name)), more))
+        for a in changes.values():
+            a.setflags(write=False)
+        names = (*s.body_names, "second part")
+        return replace(s, **changes, body_names=names, joint_names=(*s.joint_names, *welded.joint_names))
+
+    def state(self, state: State) -> State:
+        """Poses and velocities with those of the second part, the last body."""
+        both = [self._at(States.one(state), offset) for offset in self.offsets]
+        r, v = (np.concatenate((getattr(state, n), getattr(both[1], n)[0])) for n in ("r", "v"))
+        r[self.body], v[self.body] = both[0].r[0, 0], both[0].v[0, 0]
+        R, Omega = (np.concatenate((a, a[self.body : self.body + 1])) for a in (state.R, state.Omega))
+        return State(r, R, v, Omega, state.t)
+
+    def states_back(self, s: States) -> States:
+        """The body where its first part says."""
+        at = self._at(s, -self.offsets[0])
+        r, v = s.r[:, :-1].copy(), s.v[:, :-1].copy()
+        r[:, self.body], v[:, self.body] = at.r[:, 0], at.v[:, 0]
+        return States(r, s.R[:, :-1], v, s.Omega[:, :-1], s.t)
+
+    def _at(self, s: States, offset: Float[np.ndarray, " 3"]) -> States:
+        """A point of the body, as a body of its own."""
+        b = slice(self.body, self.body + 1)
+        r = s.r[:, b] + s.R[:, b] @ offset
+        v = s.v[:, b] + np.einsum("tbij,tbj->tbi", s.R[:, b], np.cross(s.Omega[:, b], offset))
+        return States(r, s.R[:, b], v, s.Omega[:, b], s.t)
+
+    def _weld(self, weld: Weld) -> list[Joint]:
+        """Of part 0 and part 1, at the C of the whole body."""
+        x, _, z = np.eye(3)
+        at = [-offset for offset in self.offsets]
+        if weld == "fixed":
+            return [Joint(1, at[1], 0, at[0], z, z, "weld", JointKind.FIXED, x, x)]
+        arm = max(float(np.linalg.norm(self.way)), float(self.whole.gyration[self.body]))
+        return [Joint(1, at[1], 0, at[0], z, z, "weld"), Joint(1, at[1] + arm * x, 0, at[0] + arm * x, name="weld 2")]

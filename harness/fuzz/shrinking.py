@@ -1,0 +1,189 @@
+"""Make a mechanism smaller while a code still does to it what it did: fewer parts, then simple numbers, less time."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from ..mechanics.joints import JointKind
+from ..mechanics.system import GROUND
+from .mechanism import ZERO, Body, Connection, Mechanism, Spring, Vec
+from .oracle import Oracle, Outcome
+from .presenting import Form
+
+MOST = 300  # trials
+CLEAR = 3.0  # times its limit: a deviation that is as large stays so
+FEWEST_STEPS = 4
+BALL = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
+Case = tuple[Mechanism, Form]
+
+
+def shrink(case: Case, wanted: Callable[[Case], bool], most: int = MOST) -> Case:
+    """The smallest case found for which ``wanted`` holds, by taking every change that keeps it."""
+    left, changed = most, True
+    while changed:
+        changed = False
+        for steps in (_smaller, _simpler):
+            position = 0
+            while left:
+                candidate = next((c for k, c in enumerate(steps(case)) if k == position), None)
+                if candidate is None:
+                    break
+                left -= 1
+                if candidate != case and wanted(candidate):
+                    case, changed = candidate, True
+                else:
+                    position += 1
+    return case
+
+
+def shrink_outcome(
+    oracle: Oracle, found: Outcome, examine: Callable[[Oracle], Outcome], most: int = MOST
+) -> tuple[Oracle, Outcome]:
+    """The smallest mechanism and form with an outcome of the same kind."""
+
+    def wanted(case: Case) -> bool:
+        try:
+            now = examine(Oracle(*case, oracle.floor))
+            return now.kind == found.kind and now.strength >= min(CLEAR, found.strength)
+        except Exception:  # joints that no start satisfies, numbers that no code takes: not a smaller case
+            return False
+
+    first = (oracle.mechanism, found.form)
+    case = shrink(first, wanted, most) if wanted(first) else (oracle.mechanism, oracle.form)
+    smallest = Oracle(*case, oracle.floor)
+    return smallest, replace(examine(smallest), number=found.number)
+
+
+def _smaller(case: Case) -> Iterator[Case]:
+    """One part less."""
+    m, form = case
+    yield from ((m, part) for part in form.parts())
+    for b in range(len(m.bodies)):
+        for grounded in (False, True):
+            if len(m.bodies) > 1 and form.split != b + 1:
+                yield _without(m, b, grounded), _kept(form, m, b)
+    for k in range(len(m.springs)):
+        yield replace(m, springs=m.springs[:k] + m.springs[k + 1 :]), form
+    for k in range(len(m.connections)):
+        left = replace(m, connections=m.connections[:k] + m.connections[k + 1 :])
+        yield left, _repeating(form, len(left.connections), k)
+    if m.steps > FEWEST_STEPS:
+        yield replace(m, steps=max(m.steps // 2, FEWEST_STEPS)), form
+
+
+def _simpler(case: Case) -> Iterator[Case]:
+    """Simpler numbers: of everything, then of one part."""
+    m, form = case
+    yield replace(m, gravity=ZERO), form
+    yield replace(m, gravity=(0.0, 0.0, -10.0)), form
+    for turned in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
+        if any(form.rotation):
+            yield m, replace(form, rotation=turned)
+    if form.plain.renumber > 1:
+        yield m, replace(form, plain=replace(form.plain, renumber=1))
+    for digits in (1, 2):
+        yield _rounded(m, digits), form
+    plainer: tuple[Callable[[Body], Body], ...] = (_at_rest, _unturned, _plain_mass)
+    for change in plainer:
+        yield replace(m, bodies=tuple(map(change, m.bodies))), form
+    for k, b in enumerate(m.bodies):
+        for change in (*plainer, *(_at(place) for place in dict.fromkeys(c.point for c in m.connections))):
+            yield replace(m, bodies=(*m.bodies[:k], change(b), *m.bodies[k + 1 :])), form
+    for k, c in enumerate(m.connections):
+        for simple in (replace(c, kind=JointKind.SPHERICAL, axis=(0.0, 0.0, 1.0)), replace(c, axis=(0.0, 0.0, 1.0))):
+            if c.kind == simple.kind or c.kind == JointKind.REVOLUTE:
+                yield replace(m, connections=(*m.connections[:k], simple, *m.connections[k + 1 :])), form
+    for s in range(len(m.springs)):
+        plain = replace(m.springs[s], damping=0.0, stiffness=100.0, rest=1.0)
+        yield replace(m, springs=(*m.springs[:s], plain, *m.springs[s + 1 :])), form
+    for digits in (1, 2):
+        for k, b in enumerate(m.bodies):
+            yield replace(m, bodies=(*m.bodies[:k], _rounded_body(b, digits), *m.bodies[k + 1 :])), form
+        for k, c in enumerate(m.connections):
+            yield replace(m, connections=(*m.connections[:k], _rounded_joint(c, digits), *m.connections[k + 1 :])), form
+
+
+def _without(m: Mechanism, body: int, grounded: bool) -> Mechanism:
+    """Without a body and what hangs on it, or with the ground in its place."""
+
+    def at(b: int) -> int:
+        return GROUND if b == body else b - (b > body)
+
+    bodies = m.bodies[:body] + m.bodies[body + 1 :]
+    connections = [
+        replace(c, i=at(c.i), j=at(c.j)) if at(c.i) != GROUND
+        else replace(c, i=at(c.j), j=at(c.i), point=c.far if c.kind == JointKind.DISTANCE else c.point, far=c.point)
+        for c in m.connections if _stays(c, body, grounded) and at(c.i) != at(c.j)
+    ]  # fmt: skip
+    springs = [
+        replace(s, i=at(s.i), j=at(s.j)) if at(s.i) != GROUND
+        else replace(s, i=at(s.j), j=at(s.i), point_i=s.point_j, point_j=s.point_i)
+        for s in m.springs if _stays(s, body, grounded) and at(s.i) != at(s.j)
+    ]  # fmt: skip
+    return replace(m, bodies=bodies, connections=tuple(connections), springs=tuple(springs))
+
+
+def _stays(part: Connection | Spring, body: int, grounded: bool) -> bool:
+    return grounded or body not in (part.i, part.j)
+
+
+def _kept(form: Form, m: Mechanism, body: int) -> Form:
+    """``form`` of what is left without a body."""
+    split = form.split - (form.split > body + 1)
+    again = form.plain.duplicate
+    if again and body in (m.connections[again - 1].i, m.connections[again - 1].j):
+        again = 1
+    return replace(form, split=split, plain=replace(form.plain, duplicate=again))
+
+
+def _repeating(form: Form, left: int, joint: int) -> Form:
+    again = form.plain.duplicate
+    again = min(max(again - (again > joint), 1), left) if again else 0
+    return replace(form, plain=replace(form.plain, duplicate=again))
+
+
+def _at_rest(b: Body) -> Body:
+    return replace(b, velocity=ZERO, spin=ZERO)
+
+
+def _unturned(b: Body) -> Body:
+    return replace(b, turn=ZERO)
+
+
+def _plain_mass(b: Body) -> Body:
+    return replace(b, mass=1.0, inertia=BALL)
+
+
+def _at(place: Vec) -> Callable[[Body], Body]:
+    return lambda b: replace(b, place=place)
+
+
+def _near(x: Vec, digits: int) -> Vec:
+    a, b, c = (float(f"{v:.{digits}g}") if abs(v) > 1e-12 else 0.0 for v in x)
+    return a, b, c
+
+
+def _rounded(m: Mechanism, digits: int) -> Mechanism:
+    return replace(
+        m, bodies=tuple(_rounded_body(b, digits) for b in m.bodies),
+        connections=tuple(_rounded_joint(c, digits) for c in m.connections),
+        springs=tuple(_rounded_spring(s, digits) for s in m.springs), gravity=_near(m.gravity, digits),
+        dt=float(f"{m.dt:.1g}"),
+    )  # fmt: skip
+
+
+def _rounded_body(b: Body, digits: int) -> Body:
+    J = b.inertia
+    return Body(
+        float(f"{b.mass:.{digits}g}"), (_near(J[0], digits), _near(J[1], digits), _near(J[2], digits)),
+        _near(b.place, digits), _near(b.turn, digits), _near(b.velocity, digits), _near(b.spin, digits),
+    )  # fmt: skip
+
+
+def _rounded_joint(c: Connection, digits: int) -> Connection:
+    return replace(c, point=_near(c.point, digits), axis=_near(c.axis, digits), far=_near(c.far, digits))
+
+
+def _rounded_spring(s: Spring, digits: int) -> Spring:
+    points = {"point_i": _near(s.point_i, digits), "point_j": _near(s.point_j, digits)}
+    numbers = {name: float(f"{getattr(s, name):.{digits}g}") for name in ("stiffness", "rest", "damping")}
+    return replace(s, **points, **numbers)  # type: ignore[arg-type]

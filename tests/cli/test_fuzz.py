@@ -1,0 +1,21 @@
+"""``fuzz``: counts, a case that can be repeated, and one line for a wrong call."""
+
+import json
+
+from mbsbench.cli.__main__ import main
+
+
+def test_a_sound_solver_ends_with_0(tmp_path, capsys):
+    """Two mechanisms, no deviation: the page has the counts."""
+    assert main(["fuzz", "rattle", "--mechanisms", "2", "--out", str(tmp_path), "--jobs", "1", "--json"]) == 0
+    counts = json.loads(capsys.readouterr().out)["counts"]["rattle"]
+    assert sum(counts.values()) == 2
+    assert "| rattle |" in (tmp_path / "README.md").read_text()
+
+
+def test_wrong_calls_are_answered_in_one_line(tmp_path, capsys):
+    """Unknown names and files that are no cases."""
+    (tmp_path / "x.json").write_text("{}")
+    for words in (["nobody"], ["rattle", "--repeat", str(tmp_path / "x.json")], ["rattle", "--set", "colour=1"]):
+        assert main(["fuzz", *words]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1

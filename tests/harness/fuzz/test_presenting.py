@@ -1,0 +1,117 @@
+"""Every form of a mechanism is the same mechanism: its matter has the same accelerations and the same energy."""
+
+import importlib.util
+from dataclasses import replace
+from functools import cache
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from mbsbench import JointKind, Problem, State, States, make_problem
+from mbsbench.harness.catalogue.registry import in_frame
+from mbsbench.harness.fuzz.cases import mjcf
+from mbsbench.harness.fuzz.drawing import draw_mechanism
+from mbsbench.harness.fuzz.mechanism import Mechanism
+from mbsbench.harness.fuzz.presenting import Form, _Parts
+from mbsbench.harness.mechanics import so3
+from mbsbench.harness.mechanics.consistency import check_start
+from mbsbench.harness.mechanics.dynamics import Rates, accelerations, equations
+from mbsbench.harness.mechanics.motion import energy, kinetic_energy
+from mbsbench.harness.mechanics.presentation import Presentation
+from mbsbench.harness.mechanics.state import rotated
+
+KNOWN = 1000.0  # largest condition of the equations: 1e-16 times it, and a few sums
+TURN = (0.3, -0.5, 0.7)
+UNITS = Presentation(unit_length=1000.0, unit_mass=0.1, unit_time=10.0)
+FORMS = [
+    Form(rotation=TURN), Form(split=1), Form(split=1, weld="pinned"), Form(plain=UNITS),
+    Form(plain=Presentation(mirror="Y", renumber=5)), Form(2, "fixed", TURN, Presentation("Z", 1, 7, 0.1, 10.0, 0.1)),
+]  # fmt: skip
+
+
+@cache
+def mechanisms() -> tuple[Mechanism, ...]:
+    """Ten of two bodies and more whose accelerations are known to 1e-12 of the largest."""
+    drawn = (draw_mechanism(3, k) for k in range(200))
+    return tuple(islice((m for m in drawn if len(m.bodies) > 1 and m.connections and condition(m) < KNOWN), 10))
+
+
+def condition(m: Mechanism) -> float:
+    """By which accelerations amplify rounding: of the inertia, and of the independent rows."""
+    problem = m.problem()
+    e = equations(problem.system, problem.initial)
+    size = np.concatenate([np.linalg.eigvalsh(M) for M in e.M])
+    rows = e.A / np.sqrt(np.einsum("bii->bi", e.M)).ravel()
+    values = np.linalg.svd(rows, compute_uv=False)
+    return float(max(size.max() / size.min(), (values[0] / values[values > 1e-9 * values[0]].min()) ** 2))
+
+
+def accelerations_in(form: Form, problem: Problem, rates: Rates) -> State:
+    """Accelerations of all matter in a form, in the place of velocities."""
+    s, start = problem.system, problem.initial
+    out = State(start.r, start.R, rates.v_dot, rates.Omega_dot)
+    if form.split:
+        b, parts = form.split - 1, _Parts(s, form.split - 1)
+        out, Omega = parts.state(out), start.Omega[b]
+        v = out.v.copy()
+        for k, arm in zip((b, s.nb), parts.offsets, strict=True):
+            v[k] += start.R[b] @ np.cross(Omega, np.cross(Omega, arm))
+        out = replace(out, v=v)
+    turned = rotated(States.one(out), so3.exp(np.array(form.rotation)))[0]
+    seen = form.plain.state(replace(form, plain=Presentation()).seen(problem).system, turned)
+    return replace(seen, v=seen.v / form.plain.unit_time, Omega=seen.Omega / form.plain.unit_time)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_forms_keep_accelerations_and_energy(form):
+    """Newton's laws know no numbers, units or frames, and a weld does not move."""
+    for m in mechanisms():
+        problem = m.problem()
+        seen, plain = form.seen(problem), form.plain
+        check_start(seen.system, seen.initial)
+        ours, theirs = accelerations(problem.system, problem.initial), accelerations(seen.system, seen.initial)
+        expected = accelerations_in(form, problem, ours)
+        for mine, other in ((expected.v, theirs.v_dot), (expected.Omega, theirs.Omega_dot)):
+            largest = np.abs(np.concatenate((mine, other))).max()
+            assert np.max(np.abs(mine - other)) < 1e-12 * largest + 1e-12
+        joule = plain.unit_mass * (plain.unit_length / plain.unit_time) ** 2
+        for law in (kinetic_energy, energy):
+            mine, other = (float(law(p.system, States.one(p.initial))[0]) for p in (problem, seen))
+            lift = float(problem.system.mass @ np.linalg.norm(problem.initial.r, axis=1)) * 9.81
+            assert abs(other / joule - mine) < 1e-12 * (abs(mine) + lift + 1.0)
+
+
+def test_a_split_body_is_two_bodies_that_can_exist():
+    """Second moments of both parts stay positive."""
+    for m in mechanisms():
+        s = Form(split=1).seen(m.problem()).system
+        for J in (s.inertia[0], s.inertia[-1]):
+            assert np.all(np.linalg.eigvalsh(0.5 * np.trace(J) * np.eye(3) - J) > 0.0)
+        assert s.joint_kind(s.nj - 1) == JointKind.FIXED
+        assert s.mass[0] + s.mass[-1] == pytest.approx(m.bodies[0].mass, rel=1e-15)
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("mujoco") is None, reason="mujoco reads MJCF: pip install mbsbench[engines]"
+)
+def test_mjcf_is_the_same_mechanism(tmp_path):
+    """MuJoCo's compiler makes of the file a system with the same energy and accelerations."""
+    for k, m in enumerate(mechanisms()):
+        problem = m.problem()
+        if not problem.system.is_pinned:
+            continue
+        path = tmp_path / f"m{k}.xml"
+        path.write_text(mjcf(problem))
+        read = make_problem(str(path), {"keyframe": "start"})
+        order = [int(name.split()[1]) - 1 for name in read.system.body_names]
+        ours, theirs = (accelerations(p.system, p.initial) for p in (problem, read))
+        scale = 1.0 + np.abs(ours.v_dot).max()
+        assert np.max(np.abs(ours.v_dot[order] - theirs.v_dot)) < 1e-10 * scale
+
+
+def test_turning_is_that_of_the_catalogue():
+    """``rotation`` of a problem and of a form are one thing."""
+    problem = mechanisms()[0].problem()
+    turned = in_frame(problem, so3.exp(np.array(TURN)))
+    assert np.array_equal(Form(rotation=TURN).seen(problem).initial.r, turned.initial.r)
