@@ -31,7 +31,7 @@ FIELDS = (  # shapes: numbers of bodies, joints, springs, torsions, loads, user 
     "load_i:l user_i:u user_j:u"
 )
 SHAPES = dict(field.split(":") for field in FIELDS.split())
-SCALES = ("reach", "speed", "T", "V")
+SCALES, LATE = ("reach", "speed", "T", "V"), ("reach", "speed", "lost", "V")
 LIMITS = {"energy": (0.1, "energy"), "orthogonality": (1e-3, "one"), "gap": (0.01, "gap"), "gap_rate": (0.05, "speed")}
 SERIES = (*SCALES, "E", "orthogonality", "phi", "phi_dot", "gap", "gap_rate")
 
@@ -231,13 +231,11 @@ class Problem:
         self.t_end, bound = float(data["t_end_s"]), sizes["j"] and not data["literal_start"]
         self.laws = tuple(LIMITS)[: 4 if bound else 2]
         demand(0 < self.t_end < math.inf, f"{name}: t_end_s")
-        group = np.arange(self.nb)
+        self.whole, group = System(numbers, kinds, np.arange(self.nb)), np.arange(self.nb)
         for end in LETTERS.values():
             for i, j in zip(numbers[f"{end}_i"], numbers[f"{end}_j"], strict=True):
                 group[group == group[i]] = group[j] if min(i, j) >= 0 else group[i]
-        self.whole = System(numbers, kinds, np.arange(self.nb))
-        parts = [np.flatnonzero(group == g) for g in np.unique(group)]
-        self.parts = [System(numbers, kinds, part) for part in parts] if len(parts) > 1 else [self.whole]
+        self.parts = [System(numbers, kinds, np.flatnonzero(group == g)) for g in np.unique(group)]
         self.horizon, self.exact = -math.inf, self.whole.start[:0]
         if reference is not None:
             self.horizon, self.exact = float(data["reference"]["horizon_s"]), read_states(reference, self.nb, name)
@@ -248,30 +246,26 @@ class Problem:
         forces = any(numbers[key].any() for key in ("spring_c", "torsion_c", "joint_motion"))
         self.has_work = bool(forces or sizes["l"] or sizes["u"] or data["not_serialised"])
 
-    def find_scales(self, q: System, s: Array) -> tuple[dict[str, Array], dict[str, float], dict[str, Array]]:
-        """Return what a system reaches, its scales, of exact states and beyond until a law is broken, and shares."""
-        m, known, late = q.measure(s), q.measure(self.sizing), s[:, 0] > self.horizon * (1 + EPS)
+    def find_scales(self, q: System, s: Array, first: float) -> tuple[dict[str, Array], dict[str, float]]:
+        """Return what a system reaches, and its scales: of exact states, and beyond until a law is first broken."""
+        m, known, late = q.measure(s), q.measure(self.sizing), (s[:, 0] > self.horizon * (1 + EPS)) & (s[:, 0] < first)
         m["energy"] = s[:, -1] if self.has_work else m["E"] - (q.initial if s[0, 0] else m)["E"][0]
-        own, broken = m | {"T": m["T"] - np.maximum(m["energy"], 0)}, ~np.isfinite([m[key] for key in SCALES]).all(0)
-        while True:
-            late[np.logical_or.accumulate(broken)] = False
-            most = {key: np.append(known[key], own[key][late]) for key in SCALES}
-            size = {key: float(most[key].max()) for key in ("reach", "speed")} | {"one": 1}
-            size["length"] = float(known["reach"].max()) if len(self.exact) else size["reach"]
-            size["energy"], size["gap"] = float(max(most["T"].max(), np.ptp(most["V"]))), min(size["reach"], q.stretch)
-            shares = {law: np.abs(m[law]) / LIMITS[law][0] / size[LIMITS[law][1]] for law in self.laws}
-            broken |= ~(np.max(list(shares.values()), 0) <= 1)
-            if not late[np.logical_or.accumulate(broken)].any():
-                return m, size, shares
+        m["lost"] = m["T"] - np.maximum(m["energy"], 0)  # energy gained was not there to be exchanged
+        reach, speed, T, V = (np.append(known[a], m[b][late]) for a, b in zip(SCALES, LATE, strict=True))
+        size = {"reach": reach.max(), "speed": speed.max(), "energy": max(T.max(), np.ptp(V)), "one": 1.0}
+        size |= {"length": (known["reach"] if len(self.exact) else reach).max(), "gap": min(reach.max(), q.stretch)}
+        return m, {key: float(value) for key, value in size.items()}
+
+    def share(self, m: dict[str, Array], size: dict[str, float]) -> dict[str, Array]:
+        """Return the shares of the limits of laws."""
+        return {law: np.abs(m[law]) / (LIMITS[law][0] * size[LIMITS[law][1]]) for law in self.laws}
 
 
 class Report:
     """Count what was compared and keep what disagrees."""
 
     def __init__(self) -> None:
-        self.runs, self.numbers, self.run = 0, 0, ""
-        self.findings: list[str] = []
-        self.undecided: Counter[str] = Counter()
+        self.run, self.runs, self.numbers, self.findings, self.undecided = "", 0, 0, [], Counter()
 
     def compare(self, column: str, recorded: Any, value: Any, slack: float = 0, complete: bool = True) -> None:
         """Compare numbers or words; where the state of a maximum is not kept its value is a lower bound."""
@@ -311,27 +305,28 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
     get = defaultdict(lambda: math.nan)
     get |= {key: float(x) for key, x in rec.items() if type(x) in {int, float} or x in ("nan", "inf", "-inf")}
     good, (r, R, v, w) = np.isfinite(s[:, :-1]).all(1), unpack(s)
-    m, size, shares = p.find_scales(q, s)
+    peaks = {key: float(at) for key, at in run["peaks_s"].items()}
+    first = min((at for key, at in peaks.items() if key.endswith(":first")), default=math.inf)
+    m, size = p.find_scales(q, s, first)
     big = np.abs(r[good]).max(initial=0) + q.rim + q.arms
     fast, weight = np.nanmax(q.rate(v, w)) + big, np.nanmax(m["T"] + np.abs(m["E"] - m["T"]))
     report.compare("energy_start_J", rec["energy_start_J"], float((q.initial if t[0] else m)["E"][0]), EPS * weight)
 
-    # scales and shares of limits: of the recorded scales for one mechanism
-    rest, covered, single = size["reach"] < 1e-6 * big, p.horizon >= p.t_end, len(p.parts) == 1
+    # scales: the recorded ones judge a single mechanism
+    rest, single = size["reach"] < 1e-6 * big, len(p.parts) == 1
+    covered, ratio = p.horizon >= p.t_end, np.ones(p.nb)
     for key, name in (("length", "length_scale_m"), ("speed", "speed_scale_m_per_s"), ("energy", "energy_scale_J")):
         report.compare(name, rec[name], size[key], 1e-9 * weight * (key == "energy"), (every or covered) and not rest)
-    known, ratio = every or covered or not len(p.exact), np.ones(p.nb)
-    if single and "gap" in p.laws:
-        shares["gap_rate"] = m["gap_rate"] / (0.05 * get["speed_scale_m_per_s"])
-        if covered or not len(p.exact):  # the reach is the length
-            shares["gap"] = m["gap"] / (0.01 * min(get["length_scale_m"], math.inf if rest else q.stretch))
-    elif not single:
-        parts = [p.find_scales(part, s) for part in p.parts]
-        known = every and not p.has_work and all(one["reach"] > 1e-6 * big for _, one, _ in parts)
-        shares = {law: np.max([share[law] for _, _, share in parts], 0) for law in p.laws}
-        for part, (_, one, _) in zip(p.parts, parts, strict=True):
-            ratio[part.bodies] = size["length"] / one["length"]
-    sure = known or single
+        size[key] = get[name]
+    if covered or not len(p.exact):  # the reach is the length
+        size["gap"] = min(size["length"], math.inf if rest else q.stretch)
+    parts, known = [(m, size)], every or covered or not len(p.exact)
+    if not single:
+        parts = [p.find_scales(part, s, first) for part in p.parts]
+        known = every and not p.has_work and all(one["reach"] > 1e-6 * big for _, one in parts)
+    for part, (_, one) in zip(p.parts, parts, strict=True):
+        ratio[part.bodies] = size["length"] / one["length"]
+    shares = {law: np.max([p.share(*part)[law] for part in parts], 0) for law in p.laws}
 
     # maxima over all steps and over the judged ones, and last values
     columns = [  # values, slack, times
@@ -340,7 +335,7 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
         ("orthogonality_{}", m["orthogonality"], EPS, t),
         ("energy_drift_{}_J", m["energy"], EPS * weight, t),
         ("gap_share_{}", shares.get("gap") if known else None, 1e-9, t),
-        ("gap_rate_share_{}", shares.get("gap_rate") if sure else None, 1e-9, t),
+        ("gap_rate_share_{}", shares.get("gap_rate") if known or single else None, 1e-9, t),
     ]
     if len(p.exact):
         k = np.minimum(np.searchsorted(p.exact[:, 0], t), len(p.exact) - 1)
@@ -354,8 +349,8 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
             ("orientation_error_{}_rad", turned.max(1), 1e4 * EPS, at),
             ("velocity_error_{}_m_per_s", norm(v).max(1), EPS * fast, at),
             ("angular_velocity_error_{}_rad_per_s", norm(w).max(1), EPS * spin, at),
-            ("motion_error_{}_m", apart if sure else None, EPS * big, at),
-            ("rate_error_{}_m_per_s", rate if sure else None, EPS * fast, at),
+            ("motion_error_{}_m", apart if known or single else None, EPS * big, at),
+            ("rate_error_{}_m_per_s", rate if known or single else None, EPS * fast, at),
             ("reference_own_error_{}_m", stated, 1e-3 * EPS * big, at),
         ]
         tenth = np.maximum(np.searchsorted(at, at / 10, "right") - 1, min(1, len(at) - 1))
@@ -366,7 +361,7 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
         for which, last in (("max", math.inf), ("judged", get["judged_to_s"]), ("end", get["t_reached_s"])):
             name, span = key.format(which), at == last if which == "end" else at <= last
             if name in rec and span.any():
-                kept = every or which == "end" or bool(np.isin(float(run["peaks_s"].get(name, -1)), at))
+                kept = every or which == "end" or bool(np.isin(peaks.get(name, -1), at))
                 value = (
                     None if values is None else float(values[span][0] if which == "end" else np.abs(values[span]).max())
                 )
@@ -433,12 +428,8 @@ def main(paths: list[str]) -> int:
             worst = 2
             continue
         told, left = len(report.findings), report.undecided
-        print(
-            f"{path}: {report.runs} runs checked, {report.numbers} numbers compared, {told} disagreements, "
-            f"{left.total()} undecided",
-            *report.findings,
-            sep="\n",
-        )
+        counts = f"{report.runs} runs checked, {report.numbers} numbers compared, {told} disagreements"
+        print(f"{path}: {counts}, {left.total()} undecided", *report.findings, sep="\n")
         print("  undecided:", ", ".join(f"{what} {n}" for what, n in sorted(left.items())))
         worst = max(worst, min(told, 1))
     return worst
