@@ -19,13 +19,13 @@ from ..results.series import Series
 from .crate import METADATA, describe_crate
 from .selection import STATE, select_states
 
-FORMAT, VERSION = "mbsbench bundle", 1
+FORMAT, VERSION = "mbsbench bundle", 2
 RUN_ID = re.compile(r"[0-9a-f]{8,64}")
 TEXT = re.compile(r"[a-z0-9_-]+\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
 LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
-SERIES = ("t", "energy_error")  # rows that thinned bundles hold: no state tells the work done
 DRAWN = ("frame_", "exact_", "state_", "sample_", "end_", "start_", "joint_", "system_")  # no rows along t
 SORT = "system_joint_sort"
+ENERGY = "energy_error"  # of each state: no state tells the work done
 NUMBERS = ("gravity", "joint_i", "system_mass", "system_user_i", SORT, *(f"start_{name}" for name in STATE))
 Array = np.ndarray[Any, Any]
 
@@ -42,9 +42,9 @@ class _Exact:
             state = {name: series[f"sample_{name}"][k] for name in (*STATE, "error")}
             self.at.setdefault(float(series["sample_t"][k]), state)
 
-    def arrays(self) -> dict[str, Array]:
+    def matrix(self) -> bytes:
         times = sorted(self.at)
-        return {"t": np.array(times), **{n: np.array([self.at[t][n] for t in times]) for n in (*STATE, "error")}}
+        return _write_states(np.array(times), *(np.array([self.at[t][n] for t in times]) for n in (*STATE, "error")))
 
 
 def list_contents(folder: Path, records: Iterable[RunRecord], *, lossless: bool) -> Iterator[tuple[str, bytes]]:
@@ -71,27 +71,34 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
             _check_arrays(record, series)
             problem = _describe_problem(record, series)
             run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
-            arrays, every = _arrays_of_run(series, exact_of.setdefault(name, _Exact(problem)), lossless=lossless)
+            chosen, exact_ones = select_states(series)
+            chosen |= lossless
+            exact_of.setdefault(name, _Exact(problem)).add(series, exact_ones | lossless)
             run["peaks_s"] = dict(series.peaks)
-            if len(arrays["state_t"]):
+            if np.any(chosen):
+                every = np.all(chosen) and len(chosen) == len(series["t"])
                 run["states"] = "every step" if every else "some steps"
-                run["arrays"], content = _pack(arrays)
-                yield f"runs/{record.run_id}.npy", content
+                rows = np.searchsorted(series["t"], series["state_t"][chosen])
+                states = (series[f"state_{key}"][chosen] for key in ("t", *STATE))
+                yield f"runs/{record.run_id}.npy", _write_states(*states, series[ENERGY][rows])
+            if lossless:
+                run["arrays"], content = _pack(_rows(series))
+                yield f"series/{record.run_id}.npy", content
         runs.append(run)
     yield "runs.json", _json(runs)
     for name, known in sorted(exact_of.items()):
-        index = dict[str, Any]()
         if known.at:
-            index, content = _pack(known.arrays())
-            yield f"references/{name}.npy", content
-        yield f"problems/{name}.json", _json({**known.about, "reference_arrays": index})
+            yield f"references/{name}.npy", known.matrix()
+        yield f"problems/{name}.json", _json(known.about)
 
 
 def _check_arrays(record: RunRecord, series: Series) -> None:
     """StoreError unless states and exact states are there as they should be, and all numbers of the problem."""
     nb = len(series["system_mass"]) if "system_mass" in series else -1
     shape = {"t": (), "r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3), "error": ()}
-    whole = all(name in series for name in NUMBERS) and bool(np.all(np.isin(series[SORT], np.arange(len(KINDS)))))
+    whole = all(name in series for name in (*NUMBERS, "t", ENERGY)) and bool(
+        np.all(np.isin(series[SORT], np.arange(len(KINDS))))
+    )
     for kind, names in (("state", tuple(shape)[:-1]), ("sample", tuple(shape))):
         if f"{kind}_t" in series:
             found = (series.arrays.get(f"{kind}_{name}", np.zeros((0, 0))) for name in names)
@@ -100,21 +107,10 @@ def _check_arrays(record: RunRecord, series: Series) -> None:
         raise store.StoreError(f"the series of run {record.run_id} are not whole: run it again")
 
 
-def _arrays_of_run(series: Series, known: _Exact, *, lossless: bool) -> tuple[dict[str, Array], bool]:
-    """Its states and rows, and whether these are all steps; the exact states beside them go to ``known``."""
-    t = series["state_t"]
-    chosen, exact_ones = select_states(series)
-    chosen |= lossless
-    exact_ones |= lossless
-    arrays = {f"state_{name}": series[f"state_{name}"][chosen] for name in ("t", *STATE)}
-    rows = np.isin(series["t"], t[chosen]) | lossless
-    for name, a in series.arrays.items():
-        if not name.startswith(DRAWN) and a.ndim == 1 and len(a) == len(rows) and (lossless or name in SERIES):
-            arrays[name] = a[rows]
-    if lossless and "state_reaction" in series:
-        arrays["state_reaction"] = series["state_reaction"]
-    known.add(series, exact_ones)
-    return arrays, bool(np.all(chosen)) and len(t) == len(series["t"])
+def _rows(series: Series) -> dict[str, Array]:
+    """All that the series holds along its times, and the reactions of its states."""
+    rows = {name: a for name, a in series.arrays.items() if not name.startswith(DRAWN) and a.shape == series["t"].shape}
+    return rows | {name: a for name, a in series.arrays.items() if name == "state_reaction"}
 
 
 def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
@@ -135,16 +131,25 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _write_states(t: Array, *arrays: Array) -> bytes:
+    """A matrix: times, then each number of the arrays along them."""
+    return _write_npy(np.concatenate([t[None], *(a.reshape(len(t), -1).T for a in arrays)]))
+
+
 def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
-    """Arrays as one vector of float64 in an NPY file, and where each begins: {name: [offset, shape]}."""
+    """Arrays as one vector, and where each begins: {name: [offset, shape]}."""
     index, offset = dict[str, Any](), 0
     for name, a in arrays.items():
         index[name] = [offset, list(a.shape)]
         offset += a.size
-    vector = np.concatenate([np.zeros(0), *(np.asarray(a, dtype="<f8").ravel() for a in arrays.values())])
-    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({offset},), }}"
+    return index, _write_npy(np.concatenate([np.zeros(0), *(a.ravel() for a in arrays.values())]))
+
+
+def _write_npy(a: Array) -> bytes:
+    """An NPY file with the same bytes from every version of NumPy."""
+    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {a.shape}, }}"
     head += " " * (-(len(head) + 11) % 64) + "\n"
-    return index, b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode() + vector.tobytes()
+    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode() + np.asarray(a, "<f8").tobytes()
 
 
 def _texts(folder: Path) -> Iterator[tuple[str, bytes]]:

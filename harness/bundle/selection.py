@@ -6,7 +6,6 @@ from jaxtyping import Bool, Int
 from ..results.series import Series
 
 ROOM = 14_000  # [bytes] of the states of a run, numbers that are zero left out; a run of which not one fits has none
-SCALES = 64_000  # [bytes] of the exact states that set scales, once a problem
 ERRORS = (
     "motion_error_judged_m", "rate_error_judged_m_per_s", "position_error_judged_m", "orientation_error_judged_rad",
 )  # fmt: skip
@@ -20,14 +19,14 @@ STATE = ("r", "R", "v", "Omega")
 def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndarray, " nk"]]:
     """The states of the run that fit, of the maxima in order, then the first and the last; the exact ones beside them.
 
-    An error takes both states. The exact states that set scales are there too, if they fit.
+    An error takes both states. The exact states that set scales are there too: few of systems that have a reference.
     """
     t, sizes, room = series["state_t"], _sizes(series, "state"), ROOM
     exact_t, exact_sizes = (
         (series["sample_t"], _sizes(series, "sample")) if "sample_t" in series else (t[:0], sizes[:0])
     )
-    scales = np.isin(exact_t, [at for name, at in series.peaks.items() if name.startswith("scale ")])
-    chosen, exact = np.zeros(len(t), dtype=bool), scales & (np.sum(exact_sizes[scales]) <= SCALES)
+    exact = np.isin(exact_t, [at for name, at in series.peaks.items() if name.startswith("scale ")])
+    chosen = np.zeros(len(t), dtype=bool)
     for name, at in (*((name, series.peaks[name]) for name in DECIDING if name in series.peaks),
                      *(("end", at) for at in (*t[:1], *t[-1:]))):  # fmt: skip
         here, there = (t == at) & ~chosen, (exact_t == at) & ~exact & (name in ERRORS)
