@@ -26,7 +26,8 @@ class Model:
         self._joints: list[tuple[dict[str, Any], list[Any], np.ndarray]] = []
         for limb in data["limbs"]:
             self._add(limb)
-        self._damped = any(spring["damping"] for spring in data["springs"])
+        dampers = any(spring["damping"] for spring in data["springs"])  # expressions, which have no energy in OpenSim
+        self._states_energy = not (dampers or any(limb["torsion"] for limb in data["limbs"]))
         for k, spring in enumerate(data["springs"]):
             ends = [x for b in ("i", "j") for x in (self._bodies[spring[b]], osim.Vec3(*spring[f"p_{b}"]))]
             if spring["damping"]:
@@ -74,7 +75,7 @@ class Model:
         return {
             "mass_matrix": V.T @ mass @ V, "rest_forces": V.T @ loads[0], "forces": V.T @ loads[1],
             "constraints": rows @ V, "kinetic": model.calcKineticEnergy(state),
-            "potential": None if self._damped else model.calcPotentialEnergy(state),  # dampers are expressions
+            "potential": model.calcPotentialEnergy(state) if self._states_energy else None,
         }  # fmt: skip
 
     def advance(self, steps: int, dt: float) -> Any:

@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbsbench import Joint, RigidBody, State, assemble
 from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver
+from mbsbench.harness.mechanics.forces import TorsionSpring
 from mbsbench.harness.mechanics.motion import constraint
+from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines.drake import INTEGRATORS
 from mbsbench.solvers.engines.export import process, protocol
@@ -84,6 +87,24 @@ def test_its_model_is_ours(engine, name):
             problem = without_springs(problem)
     found = differences(problem, protocol.Model(solver, problem, control(engine)).at_start())
     assert max(found.values()) < 1e-10, found
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=needs(name)) for name in ("drake", "opensim")])
+def test_torsional_springs_and_dampers_are_the_engines_own(name):
+    """About the hinge of a moving body, away from rest, in both orders of ends."""
+    plain = PROBLEMS["sprung"]()
+    axis, across = (0.3, 0.5, 0.8), (0.8, 0.0, -0.3)
+    spring = TorsionSpring(0, across, GROUND, axis, across, stiffness=30.0, damping=2.0, rest_angle=0.4)
+    bodies = [RigidBody(m, J) for m, J in zip(plain.system.mass[:1], plain.system.inertia[:1], strict=True)]
+    joint = Joint(0, (-0.3, 0.0, 0.1), GROUND, (0.0, 0.0, 0.0), axis, axis)
+    system = assemble(bodies, [joint], (0.0, -9.81, 0.0), torsions=[spring])
+    start = State(*(getattr(plain.initial, a)[:1] for a in ("r", "R", "v", "Omega")))
+    turning = 3.0 * np.array(axis) / np.linalg.norm(axis)
+    start = replace(start, v=np.cross(turning, start.r), Omega=turning[None])
+    problem = replace(plain, system=system, initial=start, t_end=0.2)
+    assert make_solver(name).refuses(problem, control(name)) is None
+    exact = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states.r[-1]
+    assert np.max(np.abs(make_solver(name).solve(problem, control(name)).states.r[-1] - exact)) < 1e-6
 
 
 @pytest.mark.parametrize("wrong", [lambda J: J * (1.0 + 1e-8), lambda J: J + 1e-8 * np.ones((3, 3))])
