@@ -11,6 +11,7 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, StepControl
 from .export.protocol import Adapter
 from .export.tree import spanning_tree
@@ -46,7 +47,11 @@ class Drake(Adapter):
 
 def loops_refusal(problem: Problem, integrator: str) -> str | None:
     """Why these steps do not hold the loops of a problem, or None."""
-    if integrator in ("sap", "similar", "lagged") or not spanning_tree(problem.system, problem.initial).cuts:
+    cuts = spanning_tree(problem.system, problem.initial).cuts
+    if integrator in ("sap", "similar", "lagged"):
+        to_ground = any(GROUND in (cut.i, cut.j) for cut in cuts)
+        return "a loop is cut at the ground, and Drake's ball constraints to the world crash it" if to_ground else None
+    if not cuts:
         return None
     why = {"tamsi": "TAMSI has no constraints", "cenic": "CENIC has no ball constraints"}
     kind = why.get(integrator, "its continuous plant ignores constraints")

@@ -27,3 +27,4 @@ class OpenSim(Adapter):
     inside: ClassVar[str] = "opensim"
     package: ClassVar[str] = "opensim"
     wheel: ClassVar[str] = "opensim"
+    remedy: ClassVar[str] = "make engines"

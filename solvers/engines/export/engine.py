@@ -10,13 +10,13 @@ from ....harness.mechanics.system import MultibodySystem
 from .tree import CUTTABLE
 
 
-def missing(module: str, wheel: str = "") -> str | None:
+def missing(module: str, wheel: str = "", remedy: str = "pip install 'mbsbench[engines]'") -> str | None:
     """What to do where ``module`` (of the package ``wheel``, if that has another name) is not installed, or None."""
     try:
         found = importlib.util.find_spec(module) is not None
     except ValueError:  # planted in sys.modules without a spec
         found = False
-    return None if found else f"{wheel or module} is not installed: pip install 'mbsbench[engines]'"
+    return None if found else f"{wheel or module} is not installed: {remedy}"
 
 
 def beyond(

@@ -43,6 +43,7 @@ class Adapter(Clocked):
     inside: ClassVar[str]  # name of its file in ``inside`` and of its environment
     package: ClassVar[str]  # to import here where it has no environment
     wheel: ClassVar[str]
+    remedy: ClassVar[str] = "pip install 'mbsbench[engines]'"
     kinds: ClassVar[tuple[str, ...]] = tuple(KINDS)  # of joints that it takes
     springs: ClassVar[bool] = True
     torsions: ClassVar[bool] = True
@@ -51,7 +52,7 @@ class Adapter(Clocked):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why the engine cannot take the problem, or None."""
-        absent = None if environment_of(self.inside) else missing(self.package, self.wheel)
+        absent = None if environment_of(self.inside) else missing(self.package, self.wheel, self.remedy)
         if (
             reason := absent
             or beyond(problem.system, self.kinds, springs=self.springs, torsions=self.torsions)

@@ -24,10 +24,6 @@ class Model:
         self._world, self._skeleton = dart.simulation.World(), dart.dynamics.Skeleton("bodies")
         self._world.setGravity(data["gravity"])
         self._world.setTimeStep(data["dt"])
-        if not default:
-            still = self._world.getDeactivationOptions()
-            still.mEnabled = False
-            self._world.setDeactivationOptions(still)
         self._bodies: dict[int, Any] = {}
         self._joints: list[tuple[Any, dict[str, Any]]] = []
         for limb in data["limbs"]:
@@ -36,14 +32,13 @@ class Model:
         self._place(np.array(data["start_velocity"]))
         solver = self._world.getConstraintSolver()
         for cut in data["cuts"]:
-            i, j = (self._bodies.get(cut[b]) for b in ("i", "j"))
+            i, j = self._bodies[cut["i"]], self._bodies.get(cut["j"])
             where = i.getWorldTransform().multiply(np.array(cut["s_i"]))
             constraint = dart.constraint.BallJointConstraint(*([i] if j is None else [i, j]), where)
             constraint.setErrorReductionParameter(OWN if default else options["error_reduction"])  # of all constraints
             solver.addConstraint(constraint)
-        self.notes = ["a loop of its steps in Python, whose overhead counts; bodies at rest fall asleep" if default
-                      else "a loop of its steps in Python, whose overhead counts",
-                      f"dartpy {importlib.metadata.version('dartpy')}"]  # fmt: skip
+        loop = "a loop of its steps in Python, whose overhead counts"
+        self.notes = [loop, f"dartpy {importlib.metadata.version('dartpy')}"]
 
     def at_start(self) -> dict[str, Any]:
         """For the model check: accelerations are those of DART's forward dynamics, without constraints."""
@@ -90,7 +85,8 @@ class Model:
                 q[:, at : at + 4], u[:, to : to + 3] = _quaternions(theirs[:, i : i + 3]), v[:, i : i + 3]
             elif kind == "FREE":
                 q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 3 : i + 6], _quaternions(theirs[:, i : i + 3])
-                u[:, to : to + 3], u[:, to + 3 : to + 6] = v[:, i + 3 : i + 6], v[:, i : i + 3]
+                u[:, to : to + 3] = v[:, i + 3 : i + 6]
+                u[:, to + 3 : to + 6] = _turned_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
             else:
                 n = joint.getNumDofs()
                 q[:, at : at + n], u[:, to : to + n] = theirs[:, i : i + n], v[:, i : i + n]
@@ -134,7 +130,7 @@ class Model:
         for joint, limb in self._joints:
             i, n, to = joint.getIndexInSkeleton(0), joint.getNumDofs(), limb["u_at"]
             if limb["kind"] == "FREE":
-                v[i : i + 6] = np.concatenate((u[to + 3 : to + 6], u[to : to + 3]))
+                v[i : i + 6] = np.concatenate((np.array(limb["R"]) @ u[to + 3 : to + 6], u[to : to + 3]))
             else:
                 v[i : i + n] = u[to : to + n]
         return v
@@ -151,3 +147,9 @@ def _quaternions(a: np.ndarray) -> np.ndarray:
     """(w, x, y, z) of the exponentials of rotation vectors."""
     angle = np.linalg.norm(a, axis=1, keepdims=True)
     return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)
+
+
+def _turned_back(q: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """R^T a of the rotations q."""
+    once = np.cross(-q[:, 1:], a)
+    return a + 2.0 * (q[:, :1] * once + np.cross(-q[:, 1:], once))

@@ -1,8 +1,8 @@
 """Drake's model and its steps (module ``export.protocol``).
 
-A cylinder and a universal joint are two joints with a massless body between. Drake's ball joint has roll, pitch and yaw
-as coordinates, singular at a pitch of 90 degrees: x of its frames is along the arm of the child, z normal to the plane
-in which gravity pulls that. Points of cut joints are ball constraints, which only its discrete steps know.
+A cylinder is two joints with a massless body between. Drake's ball joint has roll, pitch and yaw as coordinates,
+singular at a pitch of 90 degrees: x of its frames is along the arm of the child, z normal to the plane in which gravity
+pulls that. Points of cut joints are ball constraints, which only its discrete steps know.
 """
 
 import importlib.metadata
@@ -23,6 +23,7 @@ from pydrake.multibody.tree import (
     RevoluteSpring,
     RotationalInertia,
     SpatialInertia,
+    UniversalJoint,
 )
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus
@@ -30,7 +31,7 @@ from pydrake.systems.primitives import LogVectorOutput
 
 GROUND = -1
 APPROXIMATIONS = {"tamsi": "kTamsi", "sap": "kSap", "similar": "kSimilar", "lagged": "kLagged"}
-NO_STEP = 1e-9  # of a step: the least to the end
+NO_STEP = 1e-6  # of a step: no step of its own
 
 
 class Model:
@@ -41,6 +42,7 @@ class Model:
         self._data, self._scheme, default = data, options["integrator"], options["settings"] == "default"
         if default:
             self._scheme = "runge_kutta3" if data["dt"] is None else "lagged"
+        self._since = self._time = 0.0
         self._default, self._discrete, self.stopped = default, self._scheme in APPROXIMATIONS, ""
         try:
             self._assemble(data["dt"] or 0.0)
@@ -93,8 +95,9 @@ class Model:
         log = self._log.FindLog(self._simulator.get_context())
         t, x = np.array(log.sample_times()) + self._since, np.array(log.data()).T
         log.Clear()
-        new = t > began + NO_STEP * (dt or self._data["t_end"])
-        if not dt and new.any() and t[-1] > self._data["t_end"] - NO_STEP * self._data["t_end"]:
+        least = NO_STEP * dt
+        new = (t > began + least) & (np.diff(t, append=np.inf) > least)  # the last step may be cut in two by rounding
+        if not dt and len(t) and np.isclose(t[-1], self._data["t_end"], rtol=1e-12):
             t[-1] = self._data["t_end"]
         if new.any():
             self._time = end if dt and not self.stopped else t[-1]
@@ -113,7 +116,8 @@ class Model:
             approximation = getattr(DiscreteContactApproximation, APPROXIMATIONS[self._scheme])
             plant.set_discrete_contact_approximation(approximation)
         plant.mutable_gravity_field().set_gravity_vector(np.array(data["gravity"]))
-        self._bodies, self._joints = {GROUND: plant.world_body()}, []
+        self._bodies: dict[int, Any] = {GROUND: plant.world_body()}
+        self._joints: list[tuple[Any, dict[str, Any], Any]] = []
         for limb in data["limbs"]:
             self._add(plant, limb)
         for spring in data["springs"]:
@@ -145,7 +149,12 @@ class Model:
             joint = QuaternionFloatingJoint(name, plant.world_frame(), body.body_frame())
             self._joints.append((plant.AddJoint(joint), limb, np.eye(3)))
             return
-        A = _ball_axes(limb, self._data["gravity"]) if kind == "BALL" else np.eye(3)
+        moves, A = limb["moves"], np.eye(3)
+        if kind == "BALL":
+            A = _ball_axes(limb, self._data["gravity"])
+        if kind == "UNIVERSAL":
+            x, y = (np.array(axis) for _, axis in moves)
+            A = np.stack((x, y, np.cross(x, y)), axis=1)
         turned = RotationMatrix(np.array(limb["R_0"]) @ A)
         inner = plant.AddFrame(FixedOffsetFrame(
             f"{name} on", self._bodies[limb["parent"]].body_frame(), RigidTransform(turned, np.array(limb["s_parent"]))
@@ -157,7 +166,9 @@ class Model:
             plant.WeldFrames(inner, outer)
         if kind == "BALL":
             self._joints.append((plant.AddJoint(BallRpyJoint(name, inner, outer)), limb, A))
-        moves = limb["moves"]
+        if kind == "UNIVERSAL":
+            self._joints.append((plant.AddJoint(UniversalJoint(name, inner, outer)), limb, slice(0, 2)))
+            moves = []
         for k, (slides, axis) in enumerate(moves):
             end = outer
             if k + 1 < len(moves):
@@ -170,7 +181,7 @@ class Model:
             if torsion is not None:
                 plant.AddForceElement(RevoluteSpring(joint, torsion["rest_angle"], torsion["stiffness"]))
             inner = end
-            self._joints.append((joint, limb, k))
+            self._joints.append((joint, limb, slice(k, k + 1)))
 
     def _restart(self, since: float, q: np.ndarray, v: np.ndarray) -> None:
         """Drake's clock starts anew: its discrete steps are multiples of dt from 0."""
@@ -208,7 +219,8 @@ class Model:
             elif limb["kind"] == "BALL":
                 v[j : j + 3] = about.T @ u[to : to + 3]
             else:
-                theirs[i], v[j] = q[at + about], u[to + about]
+                n = joint.num_positions()
+                theirs[i : i + n], v[j : j + n] = q[at:][about], u[to:][about]
         return theirs, v
 
     def _ours(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -225,7 +237,8 @@ class Model:
                 q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ about.T
                 u[:, to : to + 3] = np.einsum("tji,tj->ti", _matrices(turned), v[:, j : j + 3]) @ about.T
             else:
-                q[:, at + about], u[:, to + about] = theirs[:, i], v[:, j]
+                n = joint.num_positions()
+                q[:, at:][:, about], u[:, to:][:, about] = theirs[:, i : i + n], v[:, j : j + n]
         return q, u
 
 

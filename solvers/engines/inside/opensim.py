@@ -102,10 +102,10 @@ class Model:
         y = [np.concatenate(([s.getTime()], s.getQ().to_numpy(), s.getU().to_numpy()))
              for s in (made.get(k) for k in range(1, made.getSize()))]  # fmt: skip
         nq, nu = self._state.getNQ(), self._state.getNU()
-        y = np.array(y).reshape(-1, 1 + nq + nu)
-        y = y[np.diff(y[:, 0], prepend=-1.0) > 0.0]
-        q, u = self._ours(y[:, 1 : 1 + nq], y[:, 1 + nq :])
-        return np.concatenate((y[:, :1], q, u), axis=1)
+        all_y = np.array(y).reshape(-1, 1 + nq + nu)
+        all_y = all_y[np.diff(all_y[:, 0], prepend=-1.0) > 0.0]
+        q, u = self._ours(all_y[:, 1 : 1 + nq], all_y[:, 1 + nq :])
+        return np.concatenate((all_y[:, :1], q, u), axis=1)
 
     def _add(self, limb: dict[str, Any]) -> None:
         name, kind, J = f"body_{limb['body']}", limb["kind"], np.array(limb["inertia"])
@@ -242,7 +242,7 @@ def _quaternions(angles: np.ndarray) -> np.ndarray:
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    (aw, ax, ay, az), (bw, bx, by, bz) = a.T, b.T
+    (aw, ax, ay, az), (bw, bx, by, bz) = np.broadcast_to(a, b.shape).T, b.T
     vector = aw * np.stack((bx, by, bz)) + bw * np.stack((ax, ay, az)) + np.cross((ax, ay, az), (bx, by, bz), axis=0)
     return np.stack((aw * bw - ax * bx - ay * by - az * bz, *vector), axis=-1)
 
