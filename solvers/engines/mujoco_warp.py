@@ -1,8 +1,8 @@
 """MuJoCo Warp on a CPU: MuJoCo's model in single precision, stepped by a loop in Python.
 
 The tree and the soft constraints are those of ``mujoco``. Its accelerations without constraints are compared with ours
-at the start and at rest: rounding grows with the condition of a mass matrix, to some 1e-4 on the problems here, and
-2.4e-3 is allowed as in ``export.stepped``. On a CPU a step takes a hundred launches of kernels: its speed is not meant.
+at the start and at rest; 2.4e-3 is allowed as in ``export.stepped``.
+On a CPU a step takes a hundred launches of kernels: its speed is not meant.
 """
 
 from dataclasses import dataclass

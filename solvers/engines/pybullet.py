@@ -35,7 +35,7 @@ class PyBullet(Adapter):
     order: ClassVar[float] = 1.0
 
     def differing(self, problem: Problem, control: StepControl) -> str | None:
-        """At the start and at random velocities: it hands out no mass matrix of ball joints."""
+        """At the start and at random velocities, by accelerations: its mass matrix is not used."""
         reasons = (super(PyBullet, self).differing(replace(problem, initial=state), control)
                    for _, state in check_states(problem))  # fmt: skip
         return next((reason for reason in reasons if reason is not None), None)

@@ -31,7 +31,7 @@ class Model:
         ]
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check, by a step without constraints: its mass matrix knows no ball joints."""
+        """For the model check, by a step without constraints; its mass matrix is not used."""
         return self._found
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
