@@ -2,10 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 
+from mbsbench import constraint_jacobian, make_problem
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import problem as requirements
+from mbsbench.harness.conformance.laws import find_redundant_joints
 from mbsbench.harness.reference import computed
 from mbsbench.harness.results.environment import ROOT
 
@@ -107,3 +110,14 @@ def test_json_has_the_numbers(command):
     assert done.returncode == 0, done.stdout
     assert len(findings) == 15 and all(f["verdict"] != "failed" for f in findings) and PLUGIN.exists()
     assert all(isinstance(f["value"], int | float) and isinstance(f["unit"], str) for f in findings)
+
+
+@pytest.mark.parametrize("name", ["bricard", "andrews"])
+def test_joints_that_are_not_named_have_independent_rows(name):
+    """Redundancy goes where the named joints lose rows; nothing else need change."""
+    made = make_problem(name)
+    named = find_redundant_joints(made.system, made.initial)
+    start = made.system.row_start
+    rows = [k for j in range(made.system.nj) if j not in named for k in range(start[j], start[j + 1])]
+    A = constraint_jacobian(made.system, made.initial).toarray()
+    assert named and np.linalg.matrix_rank(A[rows]) == len(rows) and np.linalg.matrix_rank(A) < len(A)
