@@ -138,7 +138,7 @@ def verdicts(results: Results) -> Verdicts | None:
         return None
     n = {m.word: k for m, k in counts(shown)}
     depend = sum(n[w] for w in DEPENDS)
-    title = (f"Of the paper's claims {n['supported']} hold, {n['refuted']} do not, {depend} depend on settings; "
+    title = (f"Of the claims of Natsiavas et al. (2022) {n['supported']} hold, {n['refuted']} do not, {depend} depend on settings; "
              f"{n['untestable']} cannot be tested")  # fmt: skip
     lacking = sum(c.published for c in shown)
     words = f"{lacking} lack runs here" if lacking else ""
