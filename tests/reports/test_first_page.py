@@ -221,8 +221,8 @@ def shown(table: pd.DataFrame) -> set[str]:
     claims = [c for c in json.loads((PUBLISHED.path / "claims.json").read_text())["claims"] if c["kind"] == "result"]
     verdict = Counter((c["paper"] or c["beyond"])["verdict"] for c in claims)
     depend = verdict["CONDITIONAL"] + verdict["MIXED"]
-    out.add(f"Of the claims of Natsiavas et al. (2022) {verdict['SUPPORTED']} hold, {verdict['REFUTED']} do not, {depend} depend on "
-            f"settings; {verdict['UNTESTABLE']} cannot be tested")  # fmt: skip
+    out.add(f"Of the claims of Natsiavas et al. (2022) {verdict['SUPPORTED']} hold, {verdict['REFUTED']} do not, "
+            f"{depend} depend on settings; {verdict['UNTESTABLE']} cannot be tested")  # fmt: skip
     return out | {c["claim"] for c in claims} | {f"Sect. {c['section']}" for c in claims} | {*PROSE}
 
 
