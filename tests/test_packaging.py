@@ -41,7 +41,7 @@ def _data() -> list[Path]:
     if git.returncode:
         pytest.skip("needs git and a checkout")
     files = [ROOT / line for line in git.stdout.splitlines() if not line.endswith(".py")]
-    left_out = {ROOT / f for files in SETUPTOOLS["exclude-package-data"].values() for f in files}
+    left_out = {f for patterns in SETUPTOOLS["exclude-package-data"].values() for p in patterns for f in ROOT.glob(p)}
     return [f for f in [*files, ROOT / "requirements.lock"] if f.exists() and f not in left_out]
 
 
