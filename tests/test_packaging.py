@@ -67,7 +67,12 @@ def test_wheel_carries_modules_and_data(tmp_path):
     pip = (sys.executable, "-m", "pip", "wheel", ".", "--no-deps", "--no-build-isolation", "--quiet", "-w", "..")
     subprocess.run(pip, cwd=tmp_path / "src", check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
-    modules = [ROOT / "__init__.py", ROOT / "api.py", *(p for part in PARTS for p in (ROOT / part).rglob("*.py"))]
+    modules = [
+        ROOT / "__init__.py",
+        ROOT / "api.py",
+        ROOT / "kit.py",
+        *(p for part in PARTS for p in (ROOT / part).rglob("*.py")),
+    ]
     assert wheel.stat().st_size < LARGEST
     with zipfile.ZipFile(wheel) as file:
         inside = set(file.namelist())

@@ -34,7 +34,6 @@ def find_order(K: Matrix, nu: int) -> Order:
     K = {k: dict(column) for k, column in K.items()}
     order, pivots, products = list[int](), list[float](), 0
     largest = max(size[nu:], default=0.0)
-    largest = max(largest, 1.0 / max(size[:nu], default=1.0))  # rows whose entries are rounding are no rows
     left = {k for k in K if k < nu or size[k] > DEPENDENT**2 * largest}
     while left:
         safety = {k: abs(K[k].get(k, 0.0)) / size[k] if size[k] > 0.0 else 0.0 for k in left}
