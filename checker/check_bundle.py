@@ -30,9 +30,8 @@ FIELDS = (  # shapes: numbers of bodies, joints, springs, torsions, loads, user 
     "load_i:l user_i:u user_j:u"
 )
 SHAPES = dict(field.split(":") for field in FIELDS.split())
-SCALES, LATE = ("reach", "speed", "T", "V"), ("reach", "speed", "lost", "V")
 LIMITS = {"energy": (0.1, "energy"), "orthogonality": (1e-3, "one"), "gap": (0.01, "gap"), "gap_rate": (0.05, "speed")}
-SERIES = (*SCALES, "E", "orthogonality", "phi", "phi_dot", "gap", "gap_rate")
+SERIES = ("reach", "speed", "T", "V", "E", "orthogonality", "phi", "phi_dot", "gap", "gap_rate")
 
 
 def demand(condition: Any, message: str) -> None:
@@ -81,9 +80,9 @@ def read_states(raw: bytes, nb: int, name: str) -> Array:
 
 
 def unpack(s: Array) -> tuple[Array, Array, Array, Array]:
-    """Return r, R, v, Omega."""
+    """Return r, R, v, and rows Omega x e_k: the transposed matrix of Omega x."""
     b = s[:, 1:-1].reshape(len(s), -1, 18)
-    return b[..., :3], b[..., 3:12].reshape(*b.shape[:2], 3, 3), b[..., 12:15], b[..., 15:]
+    return b[..., :3], b[..., 3:12].reshape(*b.shape[:2], 3, 3), b[..., 12:15], np.cross(b[..., None, 15:], np.eye(3))
 
 
 def norm(a: Array) -> Array:
@@ -124,28 +123,23 @@ FAR = {  # angles whose gaps count 2-|phi|
 class System:
     """Bodies with all joints and forces at them, and functions of their states."""
 
-    def __init__(self, numbers: dict[str, Array], kinds: Array, bodies: Array) -> None:
-        ends = {letter: (numbers[f"{name}_i"], numbers[f"{name}_j"]) for letter, name in LETTERS.items()}
-        own = {letter: np.isin(i, bodies) | np.isin(j, bodies) for letter, (i, j) in ends.items()}
-        own |= {"b": bodies, "3": slice(None), "l": np.isin(numbers["load_i"], bodies)}
-        vars(self).update({key: numbers[key][own[letters[0]]] for key, letters in SHAPES.items()})
+    def __init__(self, n: dict[str, Array], kinds: Array, bodies: Array) -> None:
+        own = {letter: np.isin([n[f"{name}_i"], n[f"{name}_j"]], bodies).any(0) for letter, name in LETTERS.items()}
+        own |= {"b": bodies, "3": slice(None), "l": slice(None)}
+        vars(self).update({key: n[key][own[letters[0]]] for key, letters in SHAPES.items()})
         self.bodies, self.kinds, self.rim = bodies, kinds[own["j"]], self.gyration.max()
         self.arms = norm(self.joint_s_i[self.joint_i >= 0]).sum() + norm(self.joint_s_j[self.joint_j >= 0]).sum()
         self.stretch = 2 * (self.arms + self.rim) if (self.joint_points > 0).all() else math.inf
         held = [self.joint_i, self.joint_j, self.spring_i, self.spring_j, self.user_i, self.user_j]
         self.floating = np.concatenate(held).min(initial=0) >= 0  # a torsion at the ground holds no position
-        start = [numbers[f"start_{key}"].reshape(len(numbers["mass"]), -1) for key in ("r", "R", "v", "Omega")]
+        start = [n[f"start_{key}"].reshape(len(n["mass"]), -1) for key in ("r", "R", "v", "Omega")]
         self.start = np.concatenate([[0], np.concatenate(start, 1).ravel(), [0]])[None]
         self.initial = self.measure(self.start)
 
-    def move(self, r: Array, D: Array) -> Array:
-        """Return the root mean square distance of each body's matter, by changes of r and R."""
+    def spread(self, r: Array, D: Array) -> Array:
+        """Return the root mean square of r + Ds over each body's matter s: of a change of poses, of velocities."""
         half = np.trace(self.inertia, axis1=1, axis2=2)[:, None, None] * np.eye(3) / 2 - self.inertia
         return np.sqrt(dot(r, r) + np.maximum(np.einsum("tbij,bjk,tbik->tb", D, half, D) / self.mass, 0))
-
-    def rate(self, v: Array, w: Array) -> Array:
-        """Return sqrt(v^2 + w.Jw/m) of each body, (nt, nb)."""
-        return np.sqrt(dot(v, v) + np.einsum("tbi,bij,tbj->tb", w, self.inertia, w) / self.mass)
 
     def measure(self, s: Array) -> dict[str, Array]:
         """Evaluate states in pieces of bounded memory."""
@@ -155,26 +149,25 @@ class System:
 
     def evaluate(self, s: Array) -> Array:
         """Return the series, a row each; rates by complex steps along the motion."""
-        nt, h, (r, R, v, w) = len(s), 1j * STEP, (a[:, self.bodies] for a in unpack(s))
+        nt, h, (r, R, v, W) = len(s), 1j * STEP, (a[:, self.bodies] for a in unpack(s))
         r0, R0 = (a[:, self.bodies] for a in unpack(self.start)[:2])
         common = (np.average(a, 1, self.mass, keepdims=True) * self.floating for a in (r, v, r0))
         own, own_v, own_r0 = (a - c for a, c in zip((r, v, r0), common, strict=True))
-        reach, speed, heavy = self.move(own - own_r0, R - R0), self.rate(own_v, w), own @ self.gravity @ self.mass
-        E = self.rate(v, w) ** 2 @ self.mass / 2 - r @ self.gravity @ self.mass
+        reach, speed, heavy = self.spread(own - own_r0, R - R0), self.spread(own_v, W), own @ self.gravity @ self.mass
+        E = self.spread(v, W) ** 2 @ self.mass / 2 - r @ self.gravity @ self.mass
         orthogonality = np.linalg.norm(np.swapaxes(R, 2, 3) @ R - np.eye(3), axis=(2, 3)).max(1)
 
-        r, R, v, w = unpack(s)
-        turning = np.cross(w[:, :, None], np.eye(3))  # rows Omega x e_k: the transposed matrix of Omega x
+        r, R, v, W = unpack(s)
         r = np.concatenate([r + h * v, np.zeros((nt, 1, 3))], 1)
-        R = R + h * np.einsum("tbij,tbkj->tbik", R, turning)
+        R = R + h * np.einsum("tbij,tbkj->tbik", R, W)
         R = np.concatenate([R, np.broadcast_to(np.eye(3), (nt, 1, 3, 3))], 1)
-        omega = np.concatenate([np.einsum("tbij,tbj->tbi", R[:, :-1].real, w), np.zeros((nt, 1, 3))], 1)
 
         def turn(body: Array, a: Array) -> Array:
             return np.einsum("tkij,kj->tki", R[:, body], a)
 
         def pass_by(body: Array, x: Array) -> Array:
-            return r[:, body].imag / STEP + np.cross(omega[:, body], (x - r[:, body]).real)
+            v, spin = r[:, body].imag / STEP, R[:, body].imag / STEP
+            return v + np.einsum("tkij,tklj,tkl->tki", spin, R[:, body].real, (x - r[:, body]).real)
 
         d = r[:, self.spring_i] + turn(self.spring_i, self.spring_p_i)
         d = (d - r[:, self.spring_j] - turn(self.spring_j, self.spring_p_j)).real
@@ -242,11 +235,11 @@ class Problem:
         """Return what a system reaches, and its scales: of exact states, and beyond until a law is first broken."""
         m, known, late = q.measure(s), q.measure(self.sizing), (s[:, 0] > self.horizon * (1 + EPS)) & (s[:, 0] < first)
         m["energy"] = s[:, -1] if self.has_work else m["E"] - (q.initial if s[0, 0] else m)["E"][0]
-        m["lost"] = m["T"] - np.maximum(m["energy"], 0)  # energy gained was not there to be exchanged
-        reach, speed, T, V = (np.append(known[a], m[b][late]) for a, b in zip(SCALES, LATE, strict=True))
+        reach, speed, T, V = (np.append(known[key], m[key][late]) for key in SERIES[:4])
+        T[len(known["T"]) :] -= np.maximum(m["energy"][late], 0)  # energy gained was not there to be exchanged
         size = {"reach": reach.max(), "speed": speed.max(), "energy": max(T.max(), np.ptp(V)), "one": 1.0}
         size |= {"length": (known["reach"] if len(self.exact) else reach).max(), "gap": min(reach.max(), q.stretch)}
-        return m, {key: float(value) for key, value in size.items()}
+        return m, size
 
 
 class Report:
@@ -274,8 +267,8 @@ def check_reference(report: Report, p: Problem) -> None:
     if not len(p.exact):
         return
     t, stated, q, m = p.exact[:, 0], p.exact[:, -1], p.whole, p.whole.measure(p.exact)
-    r, _, v, w = unpack(p.exact)
-    size, speed = np.abs(r).max() + q.rim + q.arms, q.rate(v, w).max()
+    r, _, v, W = unpack(p.exact)
+    size, speed = np.abs(r).max() + q.rim + q.arms, q.spread(v, W).max()
     allowed, weight = 1e-9 + 100 * stated.clip(0) / size, m["T"].max() + np.abs(m["E"] - m["T"]).max() + 1e-300
     sane = (stated >= 0).all() and (stated < 0.1 * size).all() and t[0] >= 0 and t[-1] <= p.horizon * (1 + EPS)
     report.compare("reference: errors and horizon sane", True, bool(sane))
@@ -294,15 +287,14 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
     every, q, t = run["states"] == "every step", p.whole, s[:, 0]
     get = defaultdict(lambda: math.nan)
     get |= {key: float(x) for key, x in rec.items() if type(x) in {int, float} or x in ("nan", "inf", "-inf")}
-    good, (r, R, v, w) = np.isfinite(s[:, :-1]).all(1), unpack(s)
+    good, (r, R, v, W) = np.isfinite(s[:, :-1]).all(1), unpack(s)
     peaks = {key: float(at) for key, at in run["peaks_s"].items()}
     first = min((at for key, at in peaks.items() if key.endswith(":first")), default=math.inf)
     m, size = p.find_scales(q, s, first)
     big = np.abs(r[good]).max(initial=0) + q.rim + q.arms
-    fast, weight = np.nanmax(q.rate(v, w)) + big, np.nanmax(m["T"] + np.abs(m["E"] - m["T"]))
+    fast, weight = np.nanmax(q.spread(v, W)) + big, np.nanmax(m["T"] + np.abs(m["E"] - m["T"]))
     report.compare("energy_start_J", rec["energy_start_J"], float((q.initial if t[0] else m)["E"][0]), EPS * weight)
 
-    # scales: the recorded ones judge a single mechanism
     rest, single = size["reach"] < 1e-6 * big, len(p.parts) == 1
     covered, ratio = p.horizon >= p.t_end, np.ones(p.nb)
     for key, name in (("length", "length_scale_m"), ("speed", "speed_scale_m_per_s"), ("energy", "energy_scale_J")):
@@ -332,16 +324,21 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
     ]
     if len(p.exact):
         k = np.minimum(np.searchsorted(p.exact[:, 0], t), len(p.exact) - 1)
-        beside, spin = p.exact[k, 0] == t, 1 + np.abs(w[good]).max(initial=0)
+        beside, spin = p.exact[k, 0] == t, 1 + np.abs(W[good]).max(initial=0)
         x, at, stated = p.exact[k[beside]], t[beside], p.exact[k[beside], -1]
-        r, R, v, w = (a[beside] - b for a, b in zip((r, R, v, w), unpack(x), strict=True))
+        r, R, v, W = (a[beside] - b for a, b in zip((r, R, v, W), unpack(x), strict=True))
         turned = 2 * np.arcsin((np.linalg.norm(R, axis=(2, 3)) / math.sqrt(8)).clip(0, 1))
-        apart, rate = (q.move(r, R) * ratio).max(1), (q.rate(v, w) * ratio).max(1)
+        apart, rate = (q.spread(r, R) * ratio).max(1), (q.spread(v, W) * ratio).max(1)
         columns += [
             ("position_error_{}_m", norm(r).max(1), EPS * big, at),
             ("orientation_error_{}_rad", turned.max(1), 1e4 * EPS, at),
             ("velocity_error_{}_m_per_s", norm(v).max(1), EPS * fast, at),
-            ("angular_velocity_error_{}_rad_per_s", norm(w).max(1), EPS * spin, at),
+            (
+                "angular_velocity_error_{}_rad_per_s",
+                np.linalg.norm(W, axis=(2, 3)).max(1) / math.sqrt(2),
+                EPS * spin,
+                at,
+            ),
             ("motion_error_{}_m", apart if known or single else None, EPS * big, at),
             ("rate_error_{}_m_per_s", rate if known or single else None, EPS * fast, at),
             ("reference_own_error_{}_m", stated, 1e-3 * EPS * big, at),
