@@ -30,7 +30,7 @@ FIELDS = (  # shapes: numbers of bodies, joints, springs, torsions, loads, user 
     "load_i:l user_i:u user_j:u"
 )
 SHAPES = dict(field.split(":") for field in FIELDS.split())
-LIMITS = {"energy": (0.1, "energy"), "orthogonality": (1e-3, "one"), "gap": (0.01, "gap"), "gap_rate": (0.05, "speed")}
+LIMITS = {"energy": 0.1, "orthogonality": 1e-3, "gap": 0.01, "gap_rate": 0.05}  # of the scales
 SERIES = ("reach", "speed", "T", "V", "E", "orthogonality", "phi", "phi_dot", "gap", "gap_rate")
 
 
@@ -63,12 +63,12 @@ def read_files(path: Path) -> dict[str, bytes]:
 def parse_json(raw: bytes, name: str) -> Any:
     """Parse bounded JSON without repeated keys."""
     demand(len(raw) <= MAX_JSON and sum(map(raw.count, (b",", b"[", b"{"))) <= MAX_VALUES, f"{name} is too large")
-
-    def collect(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        demand(len(dict(pairs)) == len(pairs), f"{name} repeats a key")
-        return dict(pairs)
-
-    return json.loads(raw.decode("utf-8"), object_pairs_hook=collect)
+    return json.loads(
+        raw.decode("utf-8"),
+        object_pairs_hook=lambda pairs: (
+            dict(pairs) if len(dict(pairs)) == len(pairs) else demand(0, f"{name}: a key twice")
+        ),
+    )
 
 
 def read_states(raw: bytes, nb: int, name: str) -> Array:
@@ -99,24 +99,21 @@ def angle(y: Array, x: Array, less: Array) -> Array:
 
 ROWS = (  # kind of joint, its counted rows, which of them, phi; of speeds alone: their rate as a complex step
     *(("", "points", k, lambda j, k=k: j.d[..., k]) for k in range(3)),
-    ("", "lines", 0, lambda j: np.where(j.link, (dot(j.d, j.d) / j.L - j.L) / 2, dot(j.n1, j.d))),
-    ("", "lines", 1, lambda j: dot(j.n2, j.d)),
-    ("", "lines", 2, lambda j: dot(j.n3, j.d)),
-    ("", "axes", 0, lambda j: dot(j.u, j.n1)),
-    ("", "axes", 1, lambda j: dot(j.u, j.n2)),
-    ("", "axes", 2, lambda j: dot(j.w, j.n2)),
-    ("driven position", "moving", 0, lambda j: dot(j.n1, j.d) - j.f),
+    ("", "lines", 0, lambda j: np.where(j.link, (dot(j.d, j.d) / j.L - j.L) / 2, dot(j.n[0], j.d))),
+    *(("", "lines", k, lambda j, k=k: dot(j.n[k], j.d)) for k in (1, 2)),
+    *(("", "axes", k, lambda j, k=k: dot(j.u, j.n[k])) for k in (0, 1)),
+    ("", "axes", 2, lambda j: dot(j.w, j.n[1])),
+    ("driven position", "moving", 0, lambda j: dot(j.n[0], j.d) - j.f),
     ("driven distance", "moving", 0, lambda j: norm(j.d) - j.f),
-    ("driven angle", "moving", 0, lambda j: dot(j.u, j.n1) * np.cos(j.f) + dot(j.u, j.n2) * np.sin(j.f)),
+    ("driven angle", "moving", 0, lambda j: dot(j.u, j.n[0]) * np.cos(j.f) + dot(j.u, j.n[1]) * np.sin(j.f)),
     ("knife edge", "moving", 0, lambda j: 1j * STEP * (dot(j.u.real, j.slip(j.x_i)) - j.f.real)),
-    ("rolling disc", "moving", 0, lambda j: dot(j.n1, j.low - j.x_j)),
-    ("rolling disc", "moving", 1, lambda j: 1j * STEP * dot(j.n2.real, j.slip(j.low))),
-    ("rolling disc", "moving", 2, lambda j: 1j * STEP * dot(j.n3.real, j.slip(j.low))),
-    ("rack and pinion", "moving", 0, lambda j: j.L * angle(j.sine, -dot(j.n2, j.u), -dot(j.n2, j.d) / j.L)),
+    ("rolling disc", "moving", 0, lambda j: dot(j.n[0], j.low - j.x_j)),
+    *(("rolling disc", "moving", k, lambda j, k=k: 1j * STEP * dot(j.n[k].real, j.slip(j.low))) for k in (1, 2)),
+    ("rack and pinion", "moving", 0, lambda j: j.L * angle(j.sine, -dot(j.n[1], j.u), -dot(j.n[1], j.d) / j.L)),
 )
 FAR = {  # angles whose gaps count 2-|phi|
-    ("", "axes", 2): lambda j: dot(j.w, j.n1).real < 0,
-    ("driven angle", "moving", 0): lambda j: (dot(j.u, j.n2) * np.cos(j.f) - dot(j.u, j.n1) * np.sin(j.f)).real > 0,
+    ("", "axes", 2): lambda j: dot(j.w, j.n[0]).real < 0,
+    ("driven angle", "moving", 0): lambda j: (dot(j.u, j.n[1]) * np.cos(j.f) - dot(j.u, j.n[0]) * np.sin(j.f)).real > 0,
 }
 
 
@@ -165,9 +162,10 @@ class System:
         def turn(body: Array, a: Array) -> Array:
             return np.einsum("tkij,kj->tki", R[:, body], a)
 
-        def pass_by(body: Array, x: Array) -> Array:
-            v, spin = r[:, body].imag / STEP, R[:, body].imag / STEP
-            return v + np.einsum("tkij,tklj,tkl->tki", spin, R[:, body].real, (x - r[:, body]).real)
+        def slip(x: Array) -> Array:
+            ends = ((1 / STEP, self.joint_i), (-1 / STEP, self.joint_j))
+            by = "tkij,tklj,tkl->tki"  # R' R^T (x - r)
+            return sum(f * (r[:, k] + np.einsum(by, R[:, k], R[:, k].real, (x - r[:, k]).real)).imag for f, k in ends)
 
         d = r[:, self.spring_i] + turn(self.spring_i, self.spring_p_i)
         d = (d - r[:, self.spring_j] - turn(self.spring_j, self.spring_p_j)).real
@@ -178,11 +176,11 @@ class System:
 
         i, i2, c, t = self.joint_i, self.joint_j, self.joint_motion.T, s[:, :1] + h
         j = SimpleNamespace(u=turn(i, self.joint_u), w=turn(i, self.joint_w), L=self.joint_length)
-        j.n1, j.n2, j.n3 = (turn(i2, self.joint_n[:, k]) for k in range(3))
+        j.n = [turn(i2, self.joint_n[:, k]) for k in range(3)]
         j.x_i, j.x_j = r[:, i] + turn(i, self.joint_s_i), r[:, i2] + turn(i2, self.joint_s_j)
-        j.d, j.link, j.slip = j.x_i - j.x_j, self.kinds == "distance", lambda x: pass_by(i, x) - pass_by(i2, x)
+        j.d, j.link, j.slip = j.x_i - j.x_j, self.kinds == "distance", slip
         j.f = c[0] + t * (c[1] + t * (c[2] + t * c[3])) + c[4] * np.sin(c[5] * t + c[6])
-        m, j.sine = j.n1 - dot(j.n1, j.u)[..., None] * j.u, dot(np.cross(j.n1, j.n2), np.cross(-j.n2, j.u))
+        m, j.sine = j.n[0] - dot(j.n[0], j.u)[..., None] * j.u, dot(np.cross(j.n[0], j.n[1]), np.cross(-j.n[1], j.u))
         j.low = j.x_i - j.L[:, None] * m / norm(m)[..., None]
         squares = np.zeros((4, nt))
         for kind, count, k, law in ROWS:
@@ -237,7 +235,7 @@ class Problem:
         m["energy"] = s[:, -1] if self.has_work else m["E"] - (q.initial if s[0, 0] else m)["E"][0]
         reach, speed, T, V = (np.append(known[key], m[key][late]) for key in SERIES[:4])
         T[len(known["T"]) :] -= np.maximum(m["energy"][late], 0)  # energy gained was not there to be exchanged
-        size = {"reach": reach.max(), "speed": speed.max(), "energy": max(T.max(), np.ptp(V)), "one": 1.0}
+        size = {"reach": reach.max(), "gap_rate": speed.max(), "energy": max(T.max(), np.ptp(V)), "orthogonality": 1.0}
         size |= {"length": (known["reach"] if len(self.exact) else reach).max(), "gap": min(reach.max(), q.stretch)}
         return m, size
 
@@ -297,7 +295,7 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
 
     rest, single = size["reach"] < 1e-6 * big, len(p.parts) == 1
     covered, ratio = p.horizon >= p.t_end, np.ones(p.nb)
-    for key, name in (("length", "length_scale_m"), ("speed", "speed_scale_m_per_s"), ("energy", "energy_scale_J")):
+    for key, name in (("length", "length_scale_m"), ("gap_rate", "speed_scale_m_per_s"), ("energy", "energy_scale_J")):
         report.compare(name, rec[name], size[key], 1e-9 * weight * (key == "energy"), (every or covered) and not rest)
         size[key] = get[name]
     if covered or not len(p.exact):  # the reach is the length
@@ -308,10 +306,7 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
         known = every and not p.has_work and all(one["reach"] > 1e-6 * big for _, one in parts)
     for part, (_, one) in zip(p.parts, parts, strict=True):
         ratio[part.bodies] = size["length"] / one["length"]
-    shares = {
-        law: np.max([np.abs(m[law]) / (LIMITS[law][0] * size[LIMITS[law][1]]) for m, size in parts], 0)
-        for law in p.laws
-    }
+    shares = {law: np.max([np.abs(m[law]) / (LIMITS[law] * size[law]) for m, size in parts], 0) for law in p.laws}
 
     # maxima over all steps and over the judged ones, and last values
     columns = [  # values, slack, times
@@ -328,17 +323,13 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
         x, at, stated = p.exact[k[beside]], t[beside], p.exact[k[beside], -1]
         r, R, v, W = (a[beside] - b for a, b in zip((r, R, v, W), unpack(x), strict=True))
         turned = 2 * np.arcsin((np.linalg.norm(R, axis=(2, 3)) / math.sqrt(8)).clip(0, 1))
+        spun = np.linalg.norm(W, axis=(2, 3)) / math.sqrt(2)
         apart, rate = (q.spread(r, R) * ratio).max(1), (q.spread(v, W) * ratio).max(1)
         columns += [
             ("position_error_{}_m", norm(r).max(1), EPS * big, at),
             ("orientation_error_{}_rad", turned.max(1), 1e4 * EPS, at),
             ("velocity_error_{}_m_per_s", norm(v).max(1), EPS * fast, at),
-            (
-                "angular_velocity_error_{}_rad_per_s",
-                np.linalg.norm(W, axis=(2, 3)).max(1) / math.sqrt(2),
-                EPS * spin,
-                at,
-            ),
+            ("angular_velocity_error_{}_rad_per_s", spun.max(1), EPS * spin, at),
             ("motion_error_{}_m", apart if known or single else None, EPS * big, at),
             ("rate_error_{}_m_per_s", rate if known or single else None, EPS * fast, at),
             ("reference_own_error_{}_m", stated, 1e-3 * EPS * big, at),
@@ -417,11 +408,10 @@ def main(paths: list[str]) -> int:
             print(f"{path}: unreadable: {type(error).__name__}: {error}"[:400].encode("unicode_escape").decode())
             worst = 2
             continue
-        told, left = len(report.findings), report.undecided
-        counts = f"{report.runs} runs checked, {report.numbers} numbers compared, {told} disagreements"
-        print(f"{path}: {counts}, {left.total()} undecided", *report.findings, sep="\n")
-        print("  undecided:", ", ".join(f"{what} {n}" for what, n in sorted(left.items())))
-        worst = max(worst, min(told, 1))
+        found, left = report.findings, report.undecided
+        counts = f"{report.runs} runs checked, {report.numbers} numbers compared, {len(found)} disagreements"
+        print(f"{path}: {counts}, {left.total()} undecided", *found, f"  undecided: {dict(left)}", sep="\n")
+        worst = max(worst, min(len(found), 1))
     return worst
 
 
