@@ -50,8 +50,8 @@ def read_files(path: Path) -> dict[str, bytes]:
         for member in archive.infolist():
             name = member.orig_filename
             demand(NAMES.fullmatch(name) and name not in files, f"unexpected or duplicate file {name[:80]!r}")
-            plain = member.external_attr >> 28 in {0, 8} and member.compress_type in {0, 8, 12}
-            demand(plain, f"{name} is a link or packed unusually")
+            usual = member.external_attr >> 28 in {0, 8} and member.compress_type in {0, 8, 12}
+            demand(usual, f"{name} is a link or packed unusually")
             with archive.open(member) as stream:
                 files[name] = stream.read(member.file_size)
     lines = files.pop("manifest-sha256.txt").decode("ascii").splitlines()
@@ -63,12 +63,7 @@ def read_files(path: Path) -> dict[str, bytes]:
 def parse_json(raw: bytes, name: str) -> Any:
     """Parse bounded JSON without repeated keys."""
     demand(len(raw) <= MAX_JSON and sum(map(raw.count, (b",", b"[", b"{"))) <= MAX_VALUES, f"{name} is too large")
-    return json.loads(
-        raw.decode("utf-8"),
-        object_pairs_hook=lambda pairs: (
-            dict(pairs) if len(dict(pairs)) == len(pairs) else demand(0, f"{name}: a key twice")
-        ),
-    )
+    return json.loads(raw, object_pairs_hook=lambda a: dict(a) if len(dict(a)) == len(a) else demand(0, "a key twice"))
 
 
 def read_states(raw: bytes, nb: int, name: str) -> Array:
@@ -139,13 +134,10 @@ class System:
         return np.sqrt(dot(r, r) + np.maximum(np.einsum("tbij,bjk,tbik->tb", D, half, D) / self.mass, 0))
 
     def measure(self, s: Array) -> dict[str, Array]:
-        """Evaluate states in pieces of bounded memory."""
-        piece = max(1, 60_000 // max(len(self.bodies), len(self.kinds)))
-        parts = [self.evaluate(s[k : k + piece]) for k in range(0, len(s), piece)]
-        return dict(zip(SERIES, np.concatenate(parts, 1), strict=True))
-
-    def evaluate(self, s: Array) -> Array:
-        """Return the series, a row each; rates by complex steps along the motion."""
+        """Return the series of states, in pieces of bounded memory; rates by complex steps along the motion."""
+        if len(s) > (piece := max(1, 60_000 // max(len(self.bodies), len(self.kinds)))):
+            parts = [self.measure(s[k : k + piece]) for k in range(0, len(s), piece)]
+            return {key: np.concatenate([part[key] for part in parts]) for key in SERIES}
         nt, h, (r, R, v, W) = len(s), 1j * STEP, (a[:, self.bodies] for a in unpack(s))
         r0, R0 = (a[:, self.bodies] for a in unpack(self.start)[:2])
         common = (np.average(a, 1, self.mass, keepdims=True) * self.floating for a in (r, v, r0))
@@ -191,7 +183,7 @@ class System:
                 metres = self.rim if count == "axes" or kind == "driven angle" else 1
                 squares += (np.where(has, [phi.real, rate, metres * gap, metres * rate], 0) ** 2).sum(-1)
         scales = reach.max(1), speed.max(1), speed**2 @ self.mass / 2, elastic - heavy
-        return np.stack([*scales, E + elastic, orthogonality, *np.sqrt(squares)])
+        return dict(zip(SERIES, [*scales, E + elastic, orthogonality, *np.sqrt(squares)], strict=True))
 
 
 class Problem:
@@ -215,9 +207,9 @@ class Problem:
         self.laws = tuple(LIMITS)[: 4 if bound else 2]
         demand(0 < self.t_end < math.inf, f"{name}: t_end_s")
         self.whole, group = System(numbers, kinds, np.arange(self.nb)), np.arange(self.nb)
-        for end in LETTERS.values():
-            for i, j in zip(numbers[f"{end}_i"], numbers[f"{end}_j"], strict=True):
-                group[group == group[i]] = group[j] if min(i, j) >= 0 else group[i]
+        pairs = [np.stack([numbers[f"{name}_i"], numbers[f"{name}_j"]], 1) for name in LETTERS.values()]
+        for i, j in np.concatenate(pairs):
+            group[group == group[i]] = group[j] if min(i, j) >= 0 else group[i]
         self.parts = [System(numbers, kinds, np.flatnonzero(group == g)) for g in np.unique(group)]
         self.horizon, self.exact = -math.inf, self.whole.start[:0]
         if reference is not None:
@@ -241,7 +233,7 @@ class Problem:
 
 
 class Report:
-    """Count what was compared and keep what disagrees."""
+    """What was compared, and what disagrees."""
 
     def __init__(self) -> None:
         self.run, self.runs, self.numbers, self.findings, self.undecided = "", 0, 0, [], Counter()
@@ -408,10 +400,10 @@ def main(paths: list[str]) -> int:
             print(f"{path}: unreadable: {type(error).__name__}: {error}"[:400].encode("unicode_escape").decode())
             worst = 2
             continue
-        found, left = report.findings, report.undecided
-        counts = f"{report.runs} runs checked, {report.numbers} numbers compared, {len(found)} disagreements"
-        print(f"{path}: {counts}, {left.total()} undecided", *found, f"  undecided: {dict(left)}", sep="\n")
-        worst = max(worst, min(len(found), 1))
+        counts = f"{report.runs} runs checked, {report.numbers} numbers compared, {len(report.findings)} disagreements"
+        print(f"{path}: {counts}, {report.undecided.total()} undecided", *report.findings, sep="\n")
+        print("  undecided:", ", ".join(f"{what} {n}" for what, n in sorted(report.undecided.items())))
+        worst = max(worst, min(len(report.findings), 1))
     return worst
 
 
