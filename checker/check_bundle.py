@@ -50,8 +50,8 @@ def read_files(path: Path) -> dict[str, bytes]:
         for member in archive.infolist():
             name = member.orig_filename
             demand(NAMES.fullmatch(name) and name not in files, f"unexpected or duplicate file {name[:80]!r}")
-            usual = member.external_attr >> 28 in {0, 8} and member.compress_type in {0, 8, 12}
-            demand(usual, f"{name} is a link or packed unusually")
+            plain = member.external_attr >> 28 in {0, 8}
+            demand(plain and member.compress_type in {0, 8, 12}, f"{name} is a link or packed unusually")
             with archive.open(member) as stream:
                 files[name] = stream.read(member.file_size)
     lines = files.pop("manifest-sha256.txt").decode("ascii").splitlines()
@@ -145,7 +145,6 @@ class System:
         reach, speed, heavy = self.spread(own - own_r0, R - R0), self.spread(own_v, W), own @ self.gravity @ self.mass
         E = self.spread(v, W) ** 2 @ self.mass / 2 - r @ self.gravity @ self.mass
         orthogonality = np.linalg.norm(np.swapaxes(R, 2, 3) @ R - np.eye(3), axis=(2, 3)).max(1)
-
         r, R, v, W = unpack(s)
         r = np.concatenate([r + h * v, np.zeros((nt, 1, 3))], 1)
         R = R + h * np.einsum("tbij,tbkj->tbik", R, W)
@@ -165,13 +164,11 @@ class System:
         u = turn(self.torsion_i, self.torsion_u)
         theta = angle(dot(u, b), dot(u, e), self.torsion_rest).real
         elastic = ((norm(d) - self.spring_d0) ** 2 @ self.spring_k + theta**2 @ self.torsion_k) / 2
-
         i, i2, c, t = self.joint_i, self.joint_j, self.joint_motion.T, s[:, :1] + h
         j = SimpleNamespace(u=turn(i, self.joint_u), w=turn(i, self.joint_w), L=self.joint_length)
-        j.n = [turn(i2, self.joint_n[:, k]) for k in range(3)]
+        j.n, j.link, j.slip = [turn(i2, self.joint_n[:, k]) for k in range(3)], self.kinds == "distance", slip
         j.x_i, j.x_j = r[:, i] + turn(i, self.joint_s_i), r[:, i2] + turn(i2, self.joint_s_j)
-        j.d, j.link, j.slip = j.x_i - j.x_j, self.kinds == "distance", slip
-        j.f = c[0] + t * (c[1] + t * (c[2] + t * c[3])) + c[4] * np.sin(c[5] * t + c[6])
+        j.d, j.f = j.x_i - j.x_j, c[0] + t * (c[1] + t * (c[2] + t * c[3])) + c[4] * np.sin(c[5] * t + c[6])
         m, j.sine = j.n[0] - dot(j.n[0], j.u)[..., None] * j.u, dot(np.cross(j.n[0], j.n[1]), np.cross(-j.n[1], j.u))
         j.low = j.x_i - j.L[:, None] * m / norm(m)[..., None]
         squares = np.zeros((4, nt))
@@ -199,16 +196,14 @@ class Problem:
             body = len(letters) == 1 and key.endswith(("_i", "_j"))
             demand(not body or ((a >= -1) & (a < sizes["b"])).all(), f"{name}: {key} beyond the bodies")
             numbers[key] = a.astype(int) if body else a
-        self.nb, kinds = sizes["b"], np.array([str(kind)[:40] for kind in data["joint_kinds"]], str)
+        self.nb, self.t_end = sizes["b"], float(data["t_end_s"])
+        kinds = np.array([str(kind)[:40] for kind in data["joint_kinds"]], str)
         sound = 0 < self.nb <= 2000 and max(sizes.values()) <= 50 * self.nb + 50 and (numbers["mass"] > 0).all()
         described = {row[0] for row in ROWS}.issuperset(kinds[numbers["joint_moving"] > 0]) and len(kinds) == sizes["j"]
-        demand(sound and described, f"{name}: bodies, masses or joint_kinds")
-        self.t_end, bound = float(data["t_end_s"]), sizes["j"] and not data["literal_start"]
-        self.laws = tuple(LIMITS)[: 4 if bound else 2]
-        demand(0 < self.t_end < math.inf, f"{name}: t_end_s")
+        demand(sound and described and 0 < self.t_end < math.inf, f"{name}: bodies, masses, joint_kinds or t_end_s")
+        self.laws = tuple(LIMITS)[: 4 if sizes["j"] and not data["literal_start"] else 2]
         self.whole, group = System(numbers, kinds, np.arange(self.nb)), np.arange(self.nb)
-        pairs = [np.stack([numbers[f"{name}_i"], numbers[f"{name}_j"]], 1) for name in LETTERS.values()]
-        for i, j in np.concatenate(pairs):
+        for i, j in np.concatenate([np.stack([numbers[f"{k}_i"], numbers[f"{k}_j"]], 1) for k in LETTERS.values()]):
             group[group == group[i]] = group[j] if min(i, j) >= 0 else group[i]
         self.parts = [System(numbers, kinds, np.flatnonzero(group == g)) for g in np.unique(group)]
         self.horizon, self.exact = -math.inf, self.whole.start[:0]
@@ -262,14 +257,12 @@ def check_reference(report: Report, p: Problem) -> None:
     allowed, weight = 1e-9 + 100 * stated.clip(0) / size, m["T"].max() + np.abs(m["E"] - m["T"]).max() + 1e-300
     sane = (stated >= 0).all() and (stated < 0.1 * size).all() and t[0] >= 0 and t[-1] <= p.horizon * (1 + EPS)
     report.compare("reference: errors and horizon sane", True, bool(sane))
-    moved = np.abs(p.exact - q.start)[0, 1:-1].max()
     laws = {"phi": m["phi"] / size, "phi_dot": m["phi_dot"] / max(speed, 1e-9 * size)}
     laws |= {"orthogonality": m["orthogonality"], "energy": (m["E"] - q.initial["E"]) / weight}
-    laws["start"] = allowed * moved / (1e-9 * (1 + size + speed))
+    laws["start"] = allowed * np.abs(p.exact - q.start)[0, 1:-1].max() / (1e-9 * (1 + size + speed))
     for law, defect in laws.items():
-        unknown = (law == "energy" and p.has_work) or (law == "start" and t[0] > 0)
-        share = None if unknown else float(np.abs(defect / allowed).max())
-        report.compare(f"reference: {law} / allowed", 0.0, share, 1)
+        known = not (p.has_work if law == "energy" else law == "start" and t[0])
+        report.compare(f"reference: {law} / allowed", 0.0, np.abs(defect / allowed).max() if known else None, 1)
 
 
 def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, Any], s: Array) -> None:
@@ -284,15 +277,13 @@ def check_run(report: Report, p: Problem, run: dict[str, Any], rec: dict[str, An
     big = np.abs(r[good]).max(initial=0) + q.rim + q.arms
     fast, weight = np.nanmax(q.spread(v, W)) + big, np.nanmax(m["T"] + np.abs(m["E"] - m["T"]))
     report.compare("energy_start_J", rec["energy_start_J"], float((q.initial if t[0] else m)["E"][0]), EPS * weight)
-
-    rest, single = size["reach"] < 1e-6 * big, len(p.parts) == 1
-    covered, ratio = p.horizon >= p.t_end, np.ones(p.nb)
+    rest, covered, single = size["reach"] < 1e-6 * big, p.horizon >= p.t_end, len(p.parts) == 1
     for key, name in (("length", "length_scale_m"), ("gap_rate", "speed_scale_m_per_s"), ("energy", "energy_scale_J")):
         report.compare(name, rec[name], size[key], 1e-9 * weight * (key == "energy"), (every or covered) and not rest)
         size[key] = get[name]
     if covered or not len(p.exact):  # the reach is the length
         size["gap"] = min(size["length"], math.inf if rest else q.stretch)
-    parts, known = [(m, size)], every or covered or not len(p.exact)
+    parts, known, ratio = [(m, size)], every or covered or not len(p.exact), np.ones(p.nb)
     if not single:
         parts = [p.find_scales(part, s, first) for part in p.parts]
         known = every and not p.has_work and all(one["reach"] > 1e-6 * big for _, one in parts)
@@ -372,12 +363,10 @@ def check_bundle(path: Path) -> Report:
     report, problems, files = Report(), {}, read_files(path)
     head, rows, runs = (parse_json(files[f"{name}.json"], name) for name in ("bundle", "records", "runs"))
     demand(head["format"] == "mbsbench bundle" and head["version"] == 2, "not a bundle of version 2")
-    records = {str(rec["run_id"]): rec for rec in rows}
+    report.runs, records = len(runs), {str(rec["run_id"]): rec for rec in rows}
     demand(len(rows) == len(records) == len(runs), "a run twice, or without a record")
-    report.runs = len(runs)
     for run in runs:
-        report.run, key = str(run["run_id"]), str(run["problem"])
-        rec = records.pop(report.run)
+        report.run, key, rec = str(run["run_id"]), str(run["problem"]), records.pop(str(run["run_id"]))
         if run["states"] == "none":
             report.undecided["runs without states"] += 1
             continue
