@@ -131,9 +131,10 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _write_states(t: Array, *arrays: Array) -> bytes:
-    """A matrix: times, then each number of the arrays along them."""
-    return _write_npy(np.concatenate([t[None], *(a.reshape(len(t), -1).T for a in arrays)]))
+def _write_states(t: Array, r: Array, R: Array, v: Array, Omega: Array, stated: Array) -> bytes:
+    """A matrix: times, then each number of each body along them, and what is stated."""
+    bodies = np.concatenate([a.reshape(*r.shape[:2], -1) for a in (r, R, v, Omega)], axis=2)
+    return _write_npy(np.concatenate([t[None], bodies.reshape(len(t), -1).T, stated[None]]))
 
 
 def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
