@@ -89,7 +89,7 @@ def test_wheel_carries_modules_and_data(tmp_path):
 
 
 def test_locks_carry_hashes_and_agree():
-    """Each package of each lock is one of known files; what two of them name has the same versions in both."""
+    """Each package of each lock is one of known files; what two of one environment name has the same versions in both."""
     known: dict[str, set[str]] = {}
     for path in sorted(ROOT.glob("requirements*.lock")):
         own: dict[str, set[str]] = {}
@@ -98,6 +98,8 @@ def test_locks_carry_hashes_and_agree():
             name, version = first.split("==", 1)
             assert any("--hash=sha256:" in line for line in rest), f"{path.name}: {first}"
             own.setdefault(name, set()).add(version.split()[0])  # without the platforms it is for
+        if path.name.startswith("requirements-engines-"):  # of an environment of its own
+            continue
         assert len(own) > 20
         assert {n: v for n, v in own.items() if known.get(n, v) != v} == {}
         known |= own
