@@ -89,7 +89,7 @@ def test_wheel_carries_modules_and_data(tmp_path):
 
 
 def test_locks_carry_hashes_and_agree():
-    """Each package of each lock is one of known files; what two of one environment name has the same versions in both."""
+    """Each package of each lock is one of known files; what two of one environment name has one version."""
     known: dict[str, set[str]] = {}
     for path in sorted(ROOT.glob("requirements*.lock")):
         own: dict[str, set[str]] = {}
