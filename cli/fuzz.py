@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.out) if arguments.out else new_folder("fuzz")
     command = shlex.join(["mbsbench", "fuzz", *solvers, "--mechanisms", str(arguments.mechanisms), "--seed",
                           str(arguments.seed), *(f"--set={k}={v}" for k, v in options.items())])  # fmt: skip
-    write_cases(folder, cases, counts, command)
+    write_cases(folder, cases, counts, f"`{command}`")
     found = sum(c.outcome.kind in FINDINGS and bool(c.evidence) for c in cases)
     if arguments.json:
         print_json({"counts": counts, "cases": [c.name for c in cases], "confirmed": found, "out": str(folder)})

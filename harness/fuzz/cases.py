@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import fill
 
 import msgspec
 import numpy as np
@@ -18,6 +19,7 @@ from .mechanism import Mechanism
 from .oracle import FLOOR, Kind, Oracle, Outcome
 from .presenting import Form
 
+WIDTH = 118
 NONE = "No other route was asked, or none confirms it."
 
 
@@ -46,7 +48,7 @@ class Case:
 def write_cases(folder: Path, cases: Sequence[Case], counts: Mapping[str, Mapping[Kind, int]], command: str) -> None:
     """Write a case and a mechanism for each, and ``README.md`` about all."""
     folder.mkdir(parents=True, exist_ok=True)
-    lines = [f"# Findings of `{command}`", "", *_table(counts)]
+    lines = [f"# Findings of {command}", "", *_table(counts)]
     for case in cases:
         text = msgspec.json.format(msgspec.json.encode(case), indent=1).decode()
         write_text(folder / f"{case.name}.json", text + "\n")
@@ -57,7 +59,9 @@ def write_cases(folder: Path, cases: Sequence[Case], counts: Mapping[str, Mappin
             file = f"No MJCF: {error}."
         again = f"Repeat: `mbsbench fuzz {case.outcome.solver} --repeat {case.name}.json`. {file}"
         lines += ["", f"## {case.name}: {case.outcome.kind}", "", _parts(case.mechanism), ""]
-        lines += [_numbers(case), "", case.evidence or NONE, "", again]
+        for text in (_numbers(case), case.evidence or NONE, again):
+            lines += [fill(text, WIDTH, break_long_words=False, break_on_hyphens=False), ""]
+        lines.pop()
     write_text(folder / "README.md", "\n".join(lines) + "\n")
 
 
