@@ -44,7 +44,8 @@ class _Exact:
 
     def matrix(self) -> bytes:
         times = sorted(self.at)
-        return _write_states(np.array(times), *(np.array([self.at[t][n] for t in times]) for n in (*STATE, "error")))
+        stated, *states = (np.array([self.at[t][name] for t in times]) for name in ("error", *STATE))
+        return _write_states(stated, np.array(times), *states)
 
 
 def list_contents(folder: Path, records: Iterable[RunRecord], *, lossless: bool) -> Iterator[tuple[str, bytes]]:
@@ -80,7 +81,7 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
                 run["states"] = "every step" if every else "some steps"
                 rows = np.searchsorted(series["t"], series["state_t"][chosen])
                 states = (series[f"state_{key}"][chosen] for key in ("t", *STATE))
-                yield f"runs/{record.run_id}.npy", _write_states(*states, series[ENERGY][rows])
+                yield f"runs/{record.run_id}.npy", _write_states(series[ENERGY][rows], *states)
             if lossless:
                 run["arrays"], content = _pack(_rows(series))
                 yield f"series/{record.run_id}.npy", content
@@ -131,9 +132,11 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _write_states(t: Array, *arrays: Array) -> bytes:
-    """A matrix: times, then each number of the arrays along them."""
-    return _write_npy(np.concatenate([t[None], *(a.reshape(len(t), -1).T for a in arrays)]))
+def _write_states(stated: Array, *states: Array) -> bytes:
+    """A matrix: times, then each number of each body along them, and what is stated."""
+    t, r, *_ = states
+    bodies = np.concatenate([a.reshape(*r.shape[:2], -1) for a in states[1:]], axis=2)
+    return _write_npy(np.concatenate([t[None], bodies.reshape(len(t), -1).T, stated[None]]))
 
 
 def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:

@@ -13,7 +13,8 @@ TYPES = {".json": "application/json", ".npy": "application/octet-stream", ".toml
 MEANING = {
     "bundle.json": "format and version of this bundle", "records.json": "one record a run",
     "runs.json": "problem and arrays of each run", "environment": "packages and machine of runs",
-    "runs/": "states of a run", "problems/": "every number of a problem", "references/": "exact states of a problem",
+    "runs/": "states of a run", "series/": "series of a run",
+    "problems/": "every number of a problem", "references/": "exact states of a problem",
 }  # fmt: skip
 
 

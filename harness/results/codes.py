@@ -27,8 +27,9 @@ from ..files import write_text
 VERSION = 2  # of the digest of one file; raise it when ``_flatten`` writes something else
 LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
 ARRANGES = (
-    "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
+    "harness/cache", "harness/catalogue/functions", "harness/catalogue/links", "harness/catalogue/mechanism",
     "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins",
+    "harness/catalogue/sdformat", "harness/catalogue/usd",
     "harness/execution/handover", "harness/execution/job", "harness/files", "harness/places",
     "harness/results",
     "harness/sandbox/trial", "harness/shapes", "harness/suites",

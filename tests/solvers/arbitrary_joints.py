@@ -25,12 +25,16 @@ def _poses(random: np.random.Generator, nb: int) -> tuple[np.ndarray, np.ndarray
     return np.concatenate((r, np.zeros((1, 3)))), np.concatenate((R, np.eye(3)[None]))
 
 
-def one_joint(kind: JointKind, *, ground: bool, seed: int = 3) -> tuple[MultibodySystem, State]:
-    """Two bodies, or one and the ground, with a spring-damper and two loads; a consistent state."""
+def one_joint(kind: JointKind, *, ground: bool, seed: int = 3, times: int = 1) -> tuple[MultibodySystem, State]:
+    """Two bodies, or one and the ground, with a spring-damper and two loads; a consistent state.
+
+    The joint is declared as many ``times``: all rows of a copy depend on those of the first.
+    """
     random, nb = np.random.default_rng(seed), 1 if ground else 2
     r, R = poses = _poses(random, nb)
     joint = closed_joint(kind, 0, GROUND if ground else 1, poses, random)
-    system = assemble([arbitrary_body(random) for _ in range(nb)], [joint], (0.3, -9.81, 0.2), [SPRING], LOADS)
+    bodies = [arbitrary_body(random) for _ in range(nb)]
+    system = assemble(bodies, [joint] * times, (0.3, -9.81, 0.2), [SPRING], LOADS)
     v = random.standard_normal((2, nb, 3))
     return system, project(system, State(r[:-1], R[:-1], v[0], v[1]))
 

@@ -66,6 +66,14 @@ def test_accelerations_of_each_joint_are_the_judges(kind: str, ground: bool) -> 
     check_accelerations(*one_joint(kind, ground=ground))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_of_a_joint_declared_twice_no_row_of_the_copy_is_kept(kind: str) -> None:
+    """Entries of the copy's rows are rounding of what the first leaves: as rows, they held nothing that is there."""
+    system, start = one_joint(kind, ground=False, times=2)
+    made = make_code(system, spanning_tree(system, start))
+    assert made.kept == made.rows - system.nrows // 2
+
+
 @pytest.mark.parametrize("kind", MOVING)
 def test_accelerations_with_drives_and_rates_are_the_judges(kind: str) -> None:
     """Rows of drives and of velocities alone are cut, whatever they drive; loads here are functions of time."""

@@ -138,8 +138,8 @@ def verdicts(results: Results) -> Verdicts | None:
         return None
     n = {m.word: k for m, k in counts(shown)}
     depend = sum(n[w] for w in DEPENDS)
-    title = (f"Of the paper's claims {n['supported']} hold, {n['refuted']} do not, {depend} depend on settings; "
-             f"{n['untestable']} cannot be tested")  # fmt: skip
+    title = (f"Of the claims of Natsiavas et al. (2022) {n['supported']} hold, {n['refuted']} do not, "
+             f"{depend} depend on settings; {n['untestable']} cannot be tested")  # fmt: skip
     lacking = sum(c.published for c in shown)
     words = f"{lacking} lack runs here" if lacking else ""
     return Verdicts(title, grouped(shown, lambda c: c.section), told(shown), found.published or words)

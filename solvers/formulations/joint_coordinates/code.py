@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .motion import Motion
 
 MOST_OPERATIONS = 30_000
+ROUNDING = 1e-9  # of entries of rows, whose largest are 1 where a joint holds anything
 SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are written out
 
 
@@ -125,7 +126,7 @@ def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", open
         K[k] = {}
         for u, entry in row.J.items():
             K[k][u] = K[u][k] = entry
-    return Equations(motion, K, n + len(held), rows, find_order(_evaluate(K, t, y, tree.start), n))
+    return Equations(motion, K, n + len(held), rows, find_order(_drop_rounding(_evaluate(K, t, y, tree.start), n), n))
 
 
 def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight], int, int]":
@@ -214,6 +215,18 @@ def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.nd
     for (k, row), value in zip(places, np.asarray(values, dtype=float).ravel().tolist(), strict=True):
         out[k][row] = value
     return out
+
+
+def _drop_rounding(K: dict[int, dict[int, float]], nu: int) -> dict[int, dict[int, float]]:
+    """Without the entries of rows that have nothing but rounding: of a joint of the tree that is declared twice."""
+    size = [K[k].get(k, 0.0) for k in range(nu)]
+    nothing = (ROUNDING / max(size, default=1.0)) * ROUNDING
+    for k in range(nu, len(K)):
+        if sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) < nothing:
+            for u in K[k]:
+                del K[u][k]
+            K[k] = {}
+    return K
 
 
 def _normalised(tree: Tree, q: "ca.SX") -> "ca.SX":

@@ -92,6 +92,8 @@ class Motion:
         """Rates of the coordinates at velocities ``u``."""
         out = []
         for limb in self.tree.limbs:
+            if not limb.sizes[1]:
+                continue  # a slice without entries of a single number is a row
             ns, at, own = len(limb.slides), limb.q_at, u[limb.u_at : limb.u_at + limb.sizes[1]]
             if limb.ball:
                 s, x = self.q[at + ns], self.q[at + ns + 1 : at + ns + 4]

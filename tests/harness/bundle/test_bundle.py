@@ -32,7 +32,7 @@ RUNS = (
     ("chain", {"t_end": 0.3, "yaw": 0.7}, "gc_weak_form", {"dt": 0.005}),  # of 15 bodies: not all maxima fit
     ("four_bar_grid", {"t_end": 0.1}, "gc_weak_form", {"dt": 0.01}),  # refused: no motion
 )
-BODIES = ("state_r", "state_R", "state_v", "state_Omega")
+BODIES = ("r", "R", "v", "Omega")
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +76,16 @@ def unpacked(vector, index):
     return {name: flat[at : at + int(np.prod(shape))].reshape(shape) for name, (at, shape) in index.items()}
 
 
-def arrays_of(files, run):
-    return unpacked(files[f"runs/{run['run_id']}.npy"], run["arrays"]) if run["arrays"] else {}
+def states_of(matrix):
+    """The states of one matrix, as the page says."""
+    t, *bodies, stated = np.load(io.BytesIO(matrix), allow_pickle=False)
+    each = np.array(bodies).T.reshape(len(t), -1, 18)
+    r, R, v, Omega = np.split(each, (3, 12, 15), axis=2)
+    return {"t": t, "r": r, "R": R.reshape(*r.shape, 3), "v": v, "Omega": Omega, "stated": stated}
+
+
+def states_of_run(files, run):
+    return states_of(files[f"runs/{run['run_id']}.npy"]) if run["states"] != "none" else {}
 
 
 def test_two_bundles_of_a_folder_have_the_same_bytes(results, made, tmp_path):
@@ -117,16 +125,22 @@ def test_a_bundle_holds_the_records_and_states_of_its_results(results, made):
     lossless = json.loads(files["bundle.json"])["lossless"]
     for run in json.loads(files["runs.json"]):
         series = store.series_of(results, records[run["run_id"]])
-        arrays = arrays_of(files, run)
-        assert bool(arrays) == (series is not None)
+        states = states_of_run(files, run)
+        assert bool(states) == (series is not None)
         if series is None:
             continue
-        kept = np.isin(series["state_t"], arrays["state_t"])
+        kept = np.isin(series["state_t"], states["t"])
         assert run["states"] == ("every step" if lossless else "some steps") and (kept.all() == lossless)
         for name in BODIES:
-            assert np.array_equal(arrays[name], series[name][kept])
+            assert np.array_equal(states[name], series[f"state_{name}"][kept])
+        rows = np.isin(series["t"], states["t"])
+        assert np.array_equal(states["stated"], series["energy_error"][rows], equal_nan=True)
+        assert bool(run["arrays"]) == lossless
+        if lossless:
+            more = unpacked(files[f"series/{run['run_id']}.npy"], run["arrays"])
+            assert np.array_equal(more["phi_norm"], series["phi_norm"]) and "t" in more
         problem = json.loads(files[f"problems/{run['problem']}.json"])
-        exact = unpacked(files[f"references/{run['problem']}.npy"], problem["reference_arrays"])
+        exact = states_of(files[f"references/{run['problem']}.npy"])
         times, at, there = np.intersect1d(exact["t"], series["sample_t"], return_indices=True)
         assert np.array_equal(exact["R"][at], series["sample_R"][there]) and len(times)
         assert not lossless or np.array_equal(times, series["sample_t"])
@@ -143,15 +157,14 @@ def test_thinned_states_are_those_of_the_maxima_that_decide_as_far_as_they_fit(r
     files = contents(bundle(results, tmp_path / "b.zip"))
     left_out = 0
     for run in json.loads(files["runs.json"]):
-        if not run["arrays"]:
+        if run["states"] == "none":
             continue
-        arrays = arrays_of(files, run)
-        problem = json.loads(files[f"problems/{run['problem']}.json"])
-        exact = unpacked(files[f"references/{run['problem']}.npy"], problem["reference_arrays"])["t"]
+        states = states_of_run(files, run)
+        exact = states_of(files[f"references/{run['problem']}.npy"])["t"]
         peaks = run["peaks_s"]
         assert {at for name, at in peaks.items() if name.startswith("scale ")} <= {*exact}
-        assert 8 * sum(np.count_nonzero(arrays[name]) for name in BODIES) <= room
-        missing = {name for name in DECIDING if name in peaks and peaks[name] not in arrays["state_t"]}
+        assert 8 * sum(np.count_nonzero(states[name]) for name in BODIES) <= room
+        missing = {name for name in DECIDING if name in peaks and peaks[name] not in states["t"]}
         assert not missing & {"motion_error_judged_m", "energy_share_max", "gap_share_max"}
         assert all(peaks[name] in exact for name in ERRORS if name in peaks and name not in missing)
         left_out += len(missing)
@@ -164,19 +177,18 @@ def test_the_page_lists_every_file_and_array(made):
     listed = set(re.findall(r"`([^`]+)`", page))
     files = contents(made)
     hidden = {re.sub(r"[0-9a-f]{16}", "<id>", n) for n in files}
-    names = {re.sub(r"\.[0-9a-f]{12}\.", ".<id>.", n).replace("runs/<id>", "runs/<run_id>") for n in hidden}
+    names = {re.sub(r"\.[0-9a-f]{12}\.", ".<id>.", n).replace("s/<id>.npy", "s/<run_id>.npy") for n in hidden}
+    names = {n.replace("references/<run_id>", "references/<id>") for n in names}
     assert names <= listed
     assert {"records.json", "runs.json", "bundle.json", METADATA, MANIFEST, "runs/<run_id>.npy", "problems/<id>.json",
             "references/<id>.npy"} <= names  # fmt: skip
-    runs, lossless = json.loads(files["runs.json"]), json.loads(files["bundle.json"])["lossless"]
+    runs = json.loads(files["runs.json"])
     for entry in (*runs, json.loads(files["bundle.json"])):
         assert set(entry) <= listed
     for run in runs:
-        assert lossless or set(run["arrays"]) <= listed
-        assert not run["arrays"] or {*BODIES, "state_t", "t", "energy_error"} <= set(run["arrays"])
         if run["problem"]:
             problem = json.loads(files[f"problems/{run['problem']}.json"])
-            assert {*problem, *problem["numbers"], *problem["reference"], *problem["reference_arrays"]} <= listed
+            assert {*problem, *problem["numbers"], *problem["reference"]} <= listed
 
 
 def test_the_metadata_is_an_ro_crate(made):
