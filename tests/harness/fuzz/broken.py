@@ -26,7 +26,8 @@ class Broken:
         return None
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        return make_solver(SOUND).solve(replace(problem, system=self.mistake(problem.system)), control)
+        found = make_solver(SOUND).solve(replace(problem, system=self.mistake(problem.system)), control)
+        return replace(found, reaction=None)  # its rows are not those of the problem
 
 
 class NoProducts(Broken):
