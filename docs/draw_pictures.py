@@ -74,8 +74,10 @@ def publish_engines(folder: Path) -> None:
     """The worst false success of each engine, where there is one."""
     results = read_results(folder, check_series=False)
     cards, _ = false_successes(results, broadest(results))
+    (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
+    for old in (ENGINES / "runs").glob("*.json"):
+        old.unlink()
     for run in (c.run for c in cards if is_engine(c.run.record.solver)):
-        (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
         write_record(ENGINES, replace(run.record, series="", stderr=""))
 
 
