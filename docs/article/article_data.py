@@ -33,7 +33,17 @@ OURS = re.compile(r"beyond-|.*-control|.*-ida$|.*-lower-index-")  # asked by us 
 COLOURS = {"SUPPORTED": "#3D62C7", "CONDITIONAL": "#62AF96", "MIXED": "#E0B040", "REFUTED": "#BB3939",
            "UNTESTABLE": "#B9BFC6"}  # fmt: skip
 RACE = ("gc_weak_form", "gc_augmented_lagrangian", "rattle", "generalized_alpha", "energy_momentum", "ida_index1",
-        "ida_index3", "rk45_strong_form", "rkmk_dop853")  # fmt: skip
+        "ida_index3", "ndf_index1", "rk45_strong_form", "rkmk_dop853")  # fmt: skip
+WORDS = {"gc_weak_form": "ODE-GC, weak form", "gc_augmented_lagrangian": "ODE-GC, augmented", "rattle": "RATTLE",
+         "generalized_alpha": "generalized alpha", "energy_momentum": "energy-momentum", "ida_index1": "IDA, index 1",
+         "ida_index3": "IDA, index 3", "ndf_index1": "NDF, index 1", "rk45_strong_form": "ODE-45 (RK45)",
+         "rkmk_dop853": "DOP853 on the group", "heavy_top": "the top",
+         "direction translation": "translations for $c_R$",
+         "direction a": "$c_R$ along $a$", "gauge symmetric": "symmetric", "gauge zero": "zero gauge",
+         "newton simplified": "simplified Newton", "6-gc-planar": "pendulum: planar", "11-gc-coincident": "top: angle",
+         "11-gc-rate": "top: precession rate", "9-gc-recovers": "chain: energy recovers",
+         "9-gc-conserves": "chain: energy conserved",
+         "general-stabilised": "pendulum: constraints do not grow"}  # fmt: skip
 MOTIONS = ("torque_free_body[t_end=300]", "spherical_pendulum", "heavy_top", "chain[t_end=2]", "four_bar_grid")
 T = TypeVar("T")
 Table = tuple[list[str], list[list[str]]]  # heads and rows
@@ -47,6 +57,13 @@ class Fault(ValueError):
 def read(file: File[T]) -> T:
     """A published judgement."""
     return read_judgement(file, PUBLISHED)
+
+
+def in_words(text: str) -> str:
+    """Solvers and choices by the field's names, small numbers as the text has them."""
+    for name, words in WORDS.items():
+        text = re.sub(rf"\b{re.escape(name)}\b", words, text)
+    return re.sub(r"\b\d+e-\d+", lambda m: number(float(m[0])), text)
 
 
 def one(found: Sequence[Any], what: str) -> Any:
@@ -78,22 +95,27 @@ def judged(side: str = "paper") -> int:
     return sum(count(v, side) for v in Verdict)
 
 
+def judged_twice() -> int:
+    """Claims of the paper with a verdict at its settings and another beyond them."""
+    return sum(bool(c.paper and c.beyond) for c in claims().values() if not OURS.match(c.id))
+
+
 def found(name: str, side: str = "paper") -> str:
-    """``holds in 3 of the 6 settings that the paper prints``, true for each verdict."""
+    """``holds in 3 of the 6 printed settings``, true for each verdict."""
     f: Finding | None = getattr(claim(name), side)
-    where = "that the paper prints" if side == "paper" else "beyond them" if claim(name).paper else "tried"
+    where = "printed" if side == "paper" else "further" if claim(name).paper else "tried"
     if f is None:
-        raise Fault(f"the claim {name!r} has no settings {where}")
+        raise Fault(f"the claim {name!r} has no {where} settings")
     if f.verdict is Verdict.UNTESTABLE:
-        return f"cannot be judged from the settings {where}"
+        return f"cannot be judged from the {where} settings"
     if f.settings == 1:
-        return f"{'holds' if f.holds else 'does not hold'} in the one setting {where}"
+        return f"{'holds' if f.holds else 'does not hold'} in the one {where} setting"
     every = "both" if f.settings == 2 else f"all {f.settings}"
     share = {0: f"none of the {f.settings}", f.settings: every}.get(f.holds, f"{f.holds} of the {f.settings}")
     met = f", at {f.met[0]} of {plural(f.met[1], claim(name).because.across)}" if f.met and f.holds else ""
     d = f.decision
-    only = f", always and only with {condition(d)}" if d and d.by and not d.unless else ""
-    return f"holds in {share} settings {where}{met}{only}"
+    only = f", always and only with {in_words(condition(d))}" if d and d.by and not d.unless else ""
+    return f"holds in {share} {where} settings{met}{only}"
 
 
 def where(name: str, side: str = "paper", **at: str) -> Condition:
@@ -109,6 +131,22 @@ def share(name: str, side: str = "paper", **at: str) -> str:
     if group is None or not group.settings:
         raise Fault(f"the claim {name!r} has no settings to count")
     return f"{group.holds} of {group.settings}"
+
+
+def fails(name: str, side: str = "paper") -> str:
+    """``79 of 87``: settings in which the claim does not hold."""
+    f: Finding | None = getattr(claim(name), side)
+    if f is None or not f.settings:
+        raise Fault(f"the claim {name!r} has no settings to count")
+    return f"{f.settings - f.holds} of {f.settings}"
+
+
+def met(name: str) -> str:
+    """``59 of 81``: values, one of which suffices, that show what is claimed."""
+    f = claim(name).paper
+    if f is None or not f.met:
+        raise Fault(f"the claim {name!r} has no values to count")
+    return f"{f.met[0]} of {f.met[1]}"
 
 
 def judged_none(*names: str) -> bool:
@@ -131,9 +169,9 @@ def solvers() -> int:
     return len({p.solver for p in read(WORK).points})
 
 
-def false_successes() -> int:
-    """Runs that claim success and break a law."""
-    return len({w.settings_id for w in read(WRONG)})
+def false_successes(*codes: str) -> int:
+    """Runs that claim success and break a law; of these solvers, or of all."""
+    return len({w.settings_id for w in read(WRONG) if not codes or w.solver in codes})
 
 
 def engines_published() -> bool:
@@ -160,8 +198,8 @@ def drift(case: str) -> Drift:
     return one([d for d in read(DRIFTS) if d.case == case], f"the drift of {case!r}")  # type: ignore[no-any-return]
 
 
-def cost(solver: str, variant: str, part: int) -> float:
-    """Least index-1 evaluations of a solver for the target ``part`` (half powers of ten below a tenth of the reach)."""
+def cost(solver: str, variant: str, part: int) -> tuple[float, bool]:
+    """Least index-1 evaluations for the target ``part`` (half powers of ten below a tenth of the reach); if a bound."""
     work = read(WORK)
     problem = variant.partition("[")[0]
     known = {t.variant: t.errors[part] for t in work.targets if t.variant.partition("[")[0] == problem}
@@ -175,12 +213,12 @@ def cost(solver: str, variant: str, part: int) -> float:
         ladders.setdefault(re.sub(r" (dt|rtol)=\S+", "", p.case), {})[p.settings_id] = p
     reached = [r for own in ladders.values()
                if (r := least(sorted(((p.error, p.index1) for p in own.values()), reverse=True), target))]  # fmt: skip
-    return min((r[0] for r in reached), default=math.inf)
+    return min((r[:2] for r in reached), default=(math.inf, False))
 
 
 def cheapest(variant: str, part: int = 4) -> str:
     """The solver of the race with the least work for that target."""
-    return min(RACE, key=lambda s: cost(s, variant, part))
+    return WORDS[min(RACE, key=lambda s: cost(s, variant, part))]
 
 
 def paper() -> dict[str, Any]:
@@ -219,8 +257,15 @@ def cost_table() -> Table:
     """Work for a thousandth of the reach."""
     rows = []
     for s in RACE:
-        works = [cost(s, v, 4) for v in MOTIONS]
-        rows.append([f"`{s}`", *("–" if w == float("inf") else number(w) for w in works)])
+        cells = []
+        for v in MOTIONS:
+            work, bound = cost(s, v, 4)
+            run = any(
+                p.variant == v and p.solver == s and p.label in ("work", "recommended") for p in read(WORK).points
+            )
+            missed = "not reached" if run else "refused"
+            cells.append(missed if work == math.inf else f"{'≤ ' * bound}{number(work)}")
+        rows.append([WORDS[s], *cells])
     return ["", *(v.partition("[")[0].replace("_", " ") for v in MOTIONS)], rows
 
 
@@ -231,14 +276,15 @@ def forms_table() -> Table:
     for c in map(claim, names):
         sides = [f.decision.conditions if f and f.decision else () for f in (c.paper, c.beyond)]
         printed = [g for g in sides[0] if g.at == {"direction": "translation"}]
-        sound = [g for g in sides[1] if g.at.get("sigma0") == "zero" and g.holds]
+        sound = sorted((g for g in sides[1] if g.at.get("sigma0") == "zero" and g.holds),
+                       key=lambda g: g.at.get("gauge") != "symmetric")  # fmt: skip
         cells = [f"{c.paper.holds} of {c.paper.settings}" if c.paper else "–"]
         for groups in (printed, sound):
-            words = [f"{g.holds} of {g.settings}" + "".join(f", {k} {v}" for k, v in g.at.items()
+            words = [f"{g.holds} of {g.settings}" + "".join(f", {in_words(f'{k} {v}')}" for k, v in g.at.items()
                      if groups is sound and k != "sigma0") for g in groups[:1]]  # fmt: skip
             cells += words or ["–"]
-        rows.append([f"`{c.id}`", *cells])
-    return ["claim", "as printed", "with translations", "each step begun at zero"], rows
+        rows.append([WORDS[c.id], *cells])
+    return ["claim", "as printed", "translations for $c_R$", "each step begun at zero"], rows
 
 
 def draw_frontier() -> Figure:
@@ -249,8 +295,12 @@ def draw_frontier() -> Figure:
             own = {(p.index1, p.error) for p in read(WORK).points if p.solver == solver
                    and p.variant == variant and p.best and p.status == "success" and p.error > 0.0}  # fmt: skip
             x, y = zip(*sorted(own), strict=True) if own else ((), ())
-            axes.loglog(x, y, marker=look.marker, color=look.colour, label=solver)
-        axes.set(title=variant, xlabel="index-1 evaluations", ylabel="largest position error [m]")
+            axes.loglog(x, y, marker=look.marker, color=look.colour, label=WORDS[solver])
+        axes.set(
+            title=variant.partition("[")[0].replace("_", " "),
+            xlabel="index-1 evaluations",
+            ylabel="largest position error [m]",
+        )
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
@@ -273,4 +323,5 @@ TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cos
 FIGURES: dict[str, Callable[[], Figure]] = {"frontier": draw_frontier, "growth": draw_growth}
 NAMES: dict[str, Any] = {f.__name__: f for f in (claim, count, judged, found, where, share, judged_none, borderline,
                          runs, solvers, false_successes, engines_published, growth, point, drift, cheapest, paper,
-                         objections, plural, measured)} | {"factor": f"{FACTOR:g}"}  # fmt: skip
+                         objections, plural, measured, fails, met,
+                         judged_twice)} | {"factor": f"{FACTOR:g}"}  # fmt: skip

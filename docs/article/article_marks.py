@@ -39,6 +39,7 @@ def as_latex(text: str) -> str:
         for sign, tex in {
             "−": "$-$",
             "∞": r"$\infty$",
+            "≤": r"$\le$",
             "\u202f": r"\,",
             "|phi|": r"$|\varphi|$",
             "φ": r"$\varphi$",
