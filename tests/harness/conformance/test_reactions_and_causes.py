@@ -103,7 +103,8 @@ def test_a_problem_that_cannot_be_made_is_said_once(tmp_path):
 def test_a_start_says_rows_rank_and_degrees_of_freedom():
     """A spherical joint leaves three of six; Bricard's linkage has a redundant row."""
     assert "3 rows of rank 3: 3 degrees of freedom" in laws_of_start("heavy_top")
-    rows, rank, free = map(int, re.findall(r"\d+", laws_of_start("bricard")))
+    found = re.match(r"(\d+) rows of rank (\d+): (\d+) degrees of freedom", laws_of_start("bricard"))
+    rows, rank, free = map(int, found.groups())
     assert rank < rows and free == 1
 
 

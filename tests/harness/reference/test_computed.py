@@ -18,8 +18,16 @@ from mbsbench.harness.reference.computed import computed, is_computable, referen
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 
-from ...problems.conftest import fresh_references as fresh_references
 from .mechanisms import slider_crank, sprung
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fresh_references(tmp_path_factory):
+    """Computed anew: a file from older equations must not vouch for them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(orbit, "FOLDER", tmp_path_factory.mktemp("references"))
+        yield
+
 
 EXACT = {
     "pendulum": ("spherical_pendulum", {"omega_z": 3.0, "t_end": 0.5}),
