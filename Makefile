@@ -77,7 +77,7 @@ $(VENV)/engines/%/.ready: requirements-engines-%.lock
 engines: $(ENGINES) ## install other people's engines: requirements-engines.lock here, those that clash in .venv/engines
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
-	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue \
+	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue \
 		tests/harness/foreign tests/cli/test_questions.py
 
 $(DOCS): requirements-docs.lock $(READY)
