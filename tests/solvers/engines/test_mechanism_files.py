@@ -170,10 +170,10 @@ def test_the_system_is_the_one_mujoco_makes(tmp_path, name):
         assert np.max(np.abs(both - expected)) < 1e-9 * np.max(np.abs(expected))
 
 
-@pytest.mark.parametrize("make", PROBLEMS.values(), ids=PROBLEMS)
-def test_our_own_problems_come_back(make):
+@pytest.mark.parametrize("name", sorted({*PROBLEMS} - {"sliding"}))  # bodies that are welded come back as one
+def test_our_own_problems_come_back(name):
     """Handed to MuJoCo and read from its compiled model (XML has six digits): loops, springs, revolute joints."""
-    made, mj = make(), engine.package("mujoco")
+    made, mj = PROBLEMS[name](), engine.package("mujoco")
     tree = spanning_tree(made.system, made.initial)
     m = CompiledMechanism("again", Path(), "", mj, engine._spec(mj, engine.MuJoCo(), made, tree, 1e-3).compile(), {})
     again = m.problem(qpos=tuple(tree.start), qvel=tuple(tree.start_velocity))

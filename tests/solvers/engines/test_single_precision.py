@@ -34,7 +34,10 @@ def needs(name):
     return pytest.mark.skipif(absent, reason=f"{WHEELS[name]} is an optional extra: make test-engines")
 
 
-@pytest.fixture(params=[pytest.param(key, marks=needs(value[0])) for key, value in SETTINGS.items()])
+SLOW = {"kamino": [pytest.mark.slow]}
+
+
+@pytest.fixture(params=[pytest.param(key, marks=[needs(v[0]), *SLOW.get(key, [])]) for key, v in SETTINGS.items()])
 def settings(request):
     """An installed engine with options."""
     return SETTINGS[request.param]
