@@ -126,8 +126,10 @@ def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | Non
     return Orbit(np.append(starts, end), y, F, np.array(bound_t), np.array(bound))
 
 
-def kept(key: str, compute: Callable[[], Orbit | None]) -> Orbit | None:
-    """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too."""
+def kept(key: str | None, compute: Callable[[], Orbit | None]) -> Orbit | None:
+    """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too. Without a key: new."""
+    if key is None:
+        return compute()
     file = FOLDER / f"{key[:24]}.npz"
     known = _read(file)
     if known is not None:
