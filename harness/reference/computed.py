@@ -53,7 +53,7 @@ class ComputedReference:
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         """The motion at ``t`` [s], up to the horizon."""
-        return self.first.states(self.orbit(t))
+        return self.first.states(self.orbit(t)).timed(np.asarray(t, dtype=float))
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Bound [m] on the position error of any body, and on angles times radii of gyration."""

@@ -2,8 +2,8 @@
 
 The mass matrix is constant, rigidity is six constraints a body (d_a . d_b = delta_ab), and a pin is linear in the
 coordinates: no angular velocity, no cross product and no gyroscopic term appears anywhere. The rigidity is eliminated
-body by body; the joints by S = J C J^T, where the pseudo-inverse (eigenvalues) takes redundant rows. States may be
-stacked along a first axis: extrapolation evaluates its columns together.
+body by body; the joints by S = J C J^T, of redundant rows within the span of its eigenvectors at the last restart.
+States may be stacked along a first axis: extrapolation evaluates its columns together.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Directors:
             b, weights = body[self.pinned[m]], np.insert(arm[self.pinned[m]], 0, 1.0, axis=1)
             for c in range(3):
                 self.pins[self.point[m, c], b] = sign * weights[:, :, None] * np.eye(3)[c]
-        self.redundant: bool | None = None  # found when first needed after a restart
+        self.range: np.ndarray | None = None  # of S (rows, rank); found when first needed after a restart
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector; d_a is column a of R."""
@@ -84,7 +84,7 @@ class Directors:
 
     def restarted(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest state that is rigid and satisfies the joints, by Newton steps along C J^T."""
-        self.redundant = None
+        self.range = None
         x, x_dot = self._parts(z[None].copy())
         for _ in range(SWEEPS):
             U, _, Vt = np.linalg.svd(x[:, :, 1:])
@@ -131,13 +131,12 @@ class Directors:
         S = CJ.reshape(nt, rows, -1) @ np.swapaxes(J.reshape(nt, rows, -1), 1, 2)
         even = 1.0 / np.sqrt(np.einsum("tkk->tk", S))  # rows of like size, whatever the masses
         S, gap = even[:, :, None] * S * even[:, None], even * gap
-        if self.redundant is None:
-            self.redundant = bool(np.linalg.matrix_rank(S[0], RANK * np.linalg.norm(S[0], 2), hermitian=True) < rows)
-        if self.redundant:
-            size, vectors = np.linalg.eigh(S)
-            kept = size > RANK * size[:, -1:]
-            part = np.where(kept, np.einsum("tki,tk->ti", vectors, gap) / np.where(kept, size, 1.0), 0.0)
-            lam = np.einsum("tki,ti->tk", vectors, part)
+        if self.range is None:
+            size, vectors = np.linalg.eigh(S[0])
+            self.range = np.eye(rows) if size[0] > RANK * size[-1] else vectors[:, size > RANK * size[-1]]
+        V = self.range  # combinations of rows from which all others follow
+        if V.shape[1] < rows:
+            lam = np.linalg.solve(V.T @ S @ V, (gap @ V)[..., None])[..., 0] @ V.T
         else:
             lam = np.linalg.solve(S, gap[..., None])[..., 0]
         return np.einsum("tk,tkbi->tbi", even * lam, CJ)
