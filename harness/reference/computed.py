@@ -17,6 +17,7 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
 from ..mechanics import lent, time_functions, user_forces
 from ..mechanics.kept_code import Unknown, digest_of
@@ -73,9 +74,7 @@ class Source(StrEnum):
     OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
     CERTIFIED = "certified"  # no formula: the problem's own integration by two routes of its own; None for some starts
     COMPUTED = "computed"
-    NONE = (
-        "none"  # too large, a start that opens its joints, or moving rows of a kind that the routes do not know
-    )
+    NONE = "none"  # too large, a start that opens its joints, or moving rows of a kind that the routes do not know
 
 
 def source_of(problem: Problem) -> Source:
@@ -106,7 +105,8 @@ def cost(system: MultibodySystem) -> tuple[float, float]:
     n, nb = float(system.nrows), float(system.nb)
     first = 4e-4 + 3e-11 * (6.0 * nb + n) * n**2
     redundant = n > 6.0 * nb - 1.0  # to be known before any state is: chains of the catalogue have fewer rows
-    return first, 4e-5 + 2e-5 * nb + 1.2e-9 * nb * n**2 + (2.5e-10 if redundant else 5e-11) * n**3
+    own = len(system.moving_rows().joint) + len(system.user_i)  # taken one by one
+    return first, 4e-5 + 2e-5 * nb + 3e-5 * own + 1.2e-9 * nb * n**2 + (2.5e-10 if redundant else 5e-11) * n**3
 
 
 def computed(problem: Problem) -> ComputedReference | None:
@@ -137,8 +137,8 @@ def _key(problem: Problem) -> str | None:
 @cache
 def _code() -> bytes:
     here = sorted(Path(__file__).parent.glob("*.py"))
-    shared = (Path(module.__file__) for module in (lent, time_functions, user_forces))
-    return b"".join(f.read_bytes() for f in (*here, *shared))
+    shared = (lent.__file__, time_functions.__file__, user_forces.__file__)
+    return b"".join(Path(f).read_bytes() for f in (*here, *shared))
 
 
 @dataclass
@@ -167,7 +167,7 @@ class _Motion:
         first, second = self._paid(self.first.rate, c_first), self._paid(self.second.rate, c_second)
         try:
             y, z = self.first.restarted(self.first.start(self.start)), self.second.start(self.start)
-            pair = Pair(first, second, y, z, self._disagreement)
+            pair = Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
             begin, speed, turn = self.first.states(y[None]), 0.0, 0.0
             t, span = 0.0, self.t_end
             while t < self.t_end:
@@ -229,7 +229,8 @@ def _agreed(system: MultibodySystem, start: State, t_end: float) -> Orbit | None
     for level, (tolerance, correction) in enumerate(LEVELS):
         motion = _Motion(system, start, t_end, left)
         share = WORST if level == len(LEVELS) - 1 else AGREED
-        found = orbit.orbit_of(motion.pieces(tolerance, correction), partial(motion.share, share))
+        with threadpool_limits(1):  # of matrices so small threads cost ten times what they save
+            found = orbit.orbit_of(motion.pieces(tolerance, correction), partial(motion.share, share))
         left = motion.left
         if found is None:
             continue

@@ -2,7 +2,7 @@
 
 The mass matrix is constant, rigidity is six constraints a body (d_a . d_b = delta_ab), and a pin is linear in the
 coordinates: no angular velocity, no cross product and no gyroscopic term appears anywhere. The rigidity is eliminated
-body by body; the joints by S = J C J^T, of redundant rows within the span of its eigenvectors at the last restart.
+body by body; the joints by S = J C J^T, of redundant rows within the span of its eigenvectors at the start of a step.
 States may be stacked along a first axis: extrapolation evaluates its columns together.
 """
 
@@ -37,13 +37,14 @@ class Directors:
         self.line, self.axis = s.line_rows(), s.axis_rows()
         self.link = self.line.length > 0.0
         self.moving = s.moving_rows()
+        self.nrows = s.nrows
         self.pins = np.zeros((s.nrows, s.nb, 4, 3))  # point rows of J, which are constant
         for body, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
             m = np.flatnonzero(body[self.pinned] != GROUND)
             b, weights = body[self.pinned[m]], np.insert(arm[self.pinned[m]], 0, 1.0, axis=1)
             for c in range(3):
                 self.pins[self.point[m, c], b] = sign * weights[:, :, None] * np.eye(3)[c]
-        self.range: np.ndarray | None = None  # of S (rows, rank); found when first needed after a restart
+        self.range: np.ndarray | None = None  # of S (rows, rank); found when next needed
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector; d_a is column a of R."""
@@ -68,23 +69,27 @@ class Directors:
 
     def rate(self, z: Float[np.ndarray, "nt coordinates"]) -> Float[np.ndarray, "nt coordinates"]:
         """d/dt of states."""
-        nt, s = len(z), self.system
+        nt = len(z)
         x, x_dot = self._parts(z)
         C, from_rigidity = self._compliance(x)
         d_dot = x_dot[:, :, 1:]
         curvature = -2.0 * np.sum(d_dot[:, :, PAIRS[:, 0]] * d_dot[:, :, PAIRS[:, 1]], axis=-1)
-        f, bend = self._forces(x, x_dot, z), np.einsum("tbij,tbj->tbi", from_rigidity, curvature)
+        f, bend = self._forces(x, x_dot, z), np.matmul(from_rigidity, curvature[..., None])[..., 0]
         rows = self._rows(x, x_dot, z[:, -1])
         J = self._jacobian(x, rows)
-        a = np.einsum("tbij,tbj->tbi", C, f)
+        a = np.matmul(C, f[..., None])[..., 0]
         a[:, :, 3:] += bend
-        if s.nrows:
+        if self.nrows:
             a = a + self._answer(J, C, self._curvature(x_dot, rows) - np.einsum("tkbi,tbi->tk", J, a))
         return np.concatenate((x_dot.reshape(nt, -1), a.reshape(nt, -1), np.ones((nt, 1))), axis=1)
 
+    def choose_rows(self) -> None:
+        """Anew at the next state, for which rows depend on each other turns with the bodies."""
+        self.range = None
+
     def restarted(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest state that is rigid and satisfies the joints, by Newton steps along C J^T."""
-        self.range = None
+        self.choose_rows()
         x, x_dot = self._parts(z[None].copy())
         for _ in range(SWEEPS):
             U, _, Vt = np.linalg.svd(x[:, :, 1:])
@@ -98,9 +103,9 @@ class Directors:
         stretch = sum(np.sum(x[:, :, 1 + PAIRS[:, k]] * x_dot[:, :, 1 + PAIRS[:, 1 - k]], axis=-1) for k in (0, 1))
         flat = x_dot.reshape(1, -1, 12).copy()
         flat[:, :, 3:] -= np.einsum("tbij,tbj->tbi", from_rigidity, stretch)
-        if self.system.nrows:
+        if self.nrows:
             rows = self._rows(x, x_dot, z[-1:])
-            J, speed = self._jacobian(x, rows), np.zeros((1, self.system.nrows))
+            J, speed = self._jacobian(x, rows), np.zeros((1, self.nrows))
             for k, _, row in rows:
                 speed[:, k] = row.speed
             flat = flat - self._answer(J, C, np.einsum("tkbi,tbi->tk", J, flat) - speed)
@@ -126,8 +131,8 @@ class Directors:
 
     def _answer(self, J: np.ndarray, C: np.ndarray, gap: np.ndarray) -> np.ndarray:
         """C J^T lam (nt, nb, 12) with J C J^T lam = ``gap``."""
-        CJ = np.einsum("tkbj,tbji->tkbi", J, C, optimize=True)
         nt, rows = gap.shape
+        CJ = np.swapaxes(np.swapaxes(J, 1, 2) @ C, 1, 2)
         S = CJ.reshape(nt, rows, -1) @ np.swapaxes(J.reshape(nt, rows, -1), 1, 2)
         even = 1.0 / np.sqrt(np.einsum("tkk->tk", S))  # rows of like size, whatever the masses
         S, gap = even[:, :, None] * S * even[:, None], even * gap
@@ -139,15 +144,16 @@ class Directors:
             lam = np.linalg.solve(V.T @ S @ V, (gap @ V)[..., None])[..., 0] @ V.T
         else:
             lam = np.linalg.solve(S, gap[..., None])[..., 0]
-        return np.einsum("tk,tkbi->tbi", even * lam, CJ)
+        return np.matmul((even * lam)[:, None], CJ.reshape(nt, rows, -1)).reshape(nt, -1, 12)
 
     def _point(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
         """r + sum_a p_a d_a of points ``p`` of bodies (nt, n, 3); of the ground ``p`` itself."""
-        return _of_ground(np.einsum("tnac,na->tnc", x[:, body], np.insert(p, 0, 1.0, axis=1)), body, p)
+        weights = np.concatenate((np.ones((len(p), 1)), p), axis=1)
+        return _of_ground(np.matmul(weights[:, None], x[:, body])[..., 0, :], body, p)
 
     def _along(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
         """sum_a p_a d_a of directions ``p`` of bodies (nt, n, 3)."""
-        return _of_ground(np.einsum("tnac,na->tnc", x[:, body, 1:], p), body, p)
+        return _of_ground(np.matmul(p[:, None], x[:, body, 1:])[..., 0, :], body, p)
 
     def _gap(self, x: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """Point of i less that of j (nt, m, 3)."""
@@ -182,7 +188,7 @@ class Directors:
         return out
 
     def _phi(self, x: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
-        out = np.zeros((len(x), self.system.nrows))
+        out = np.zeros((len(x), self.nrows))
         for k, _, row in rows:
             out[:, k] = row.phi
         out[:, self.point] = self._gap(x, self.pinned)
@@ -217,12 +223,12 @@ class Directors:
             for b, part in ((s.joint_i[joint], row.J_i), (s.joint_j[joint], row.J_j)):
                 if b != GROUND:
                     J[:, k, b] += part
-        return J.reshape(len(x), s.nrows, s.nb, 12)
+        return J.reshape(len(x), self.nrows, s.nb, 12)
 
     def _curvature(self, x_dot: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
         """J x_ddot for phi_ddot = 0: a pin has none."""
         s, axis, line = self.system, self.axis, self.line
-        out = np.zeros((len(x_dot), s.nrows))
+        out = np.zeros((len(x_dot), self.nrows))
         ends = (s.joint_i[axis.joint], axis.u), (s.joint_j[axis.joint], axis.n)
         u, n = (_of_ground(self._along(x_dot, body, p), body, np.zeros_like(p)) for body, p in ends)
         out[:, axis.row] = -2.0 * np.sum(u * n, axis=-1)

@@ -33,6 +33,7 @@ class NewtonEuler:
 
     def __post_init__(self) -> None:
         s = self.system
+        self.nrows = s.nrows
         self.rows = np.arange(s.nrows)
         self.inertia = s.regular_inertia
         self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies
@@ -70,8 +71,8 @@ class NewtonEuler:
         f = self._forces(r, R, v, Omega, y[-1])
         pushes = self._pushes(r, R, v, Omega, y[-1])
         A, gamma = self._jacobian(r, R, pushes)[self.rows], self._gamma(r, R, v, Omega, pushes)[self.rows]
-        WA = np.einsum("kbj,bji->kbi", A.reshape(len(A), s.nb, 6), self.weight).reshape(A.shape)
-        a = np.einsum("bij,bj->bi", self.weight, f)
+        WA = np.matmul(A.reshape(len(A), s.nb, 1, 6), self.weight).reshape(A.shape)
+        a = np.matmul(self.weight, f[..., None])[..., 0]
         if len(self.rows):
             a -= (np.linalg.solve(A @ WA.T, A @ a.ravel() - gamma) @ WA).reshape(s.nb, 6)
         vector, w = q[:, :3], q[:, 3:]
@@ -83,7 +84,7 @@ class NewtonEuler:
         s = self.system
         r, q, v, Omega = (a[0].copy() for a in self._parts(y[None]))
         q /= np.linalg.norm(q, axis=1)[:, None]
-        if s.nrows:
+        if self.nrows:
             A = self._rows_at(r, _matrices(q), v, Omega, y[-1])[1]
             even = A * np.repeat(np.stack((np.ones(s.nb), 1.0 / s.gyration), axis=1), 3, axis=1).ravel()  # in metres
             even /= np.maximum(np.linalg.norm(even, axis=1), np.finfo(float).tiny)[:, None]
@@ -112,27 +113,25 @@ class NewtonEuler:
 
     def _least_change(self, A: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         A = A[self.rows]
-        WA = np.einsum("kbj,bji->kbi", A.reshape(-1, self.system.nb, 6), self.weight).reshape(len(A), -1)
+        WA = np.matmul(A.reshape(len(A), self.system.nb, 1, 6), self.weight).reshape(A.shape)
         return (np.linalg.solve(A @ WA.T, wanted[self.rows]) @ WA).reshape(-1, 6)
 
     def _parts(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
         nb = self.system.nb
-        pieces = np.split(y[:, :-1], np.cumsum([3, 4, 3])[:3] * nb, axis=1)
-        return tuple(p.reshape(len(y), nb, -1) for p in pieces)
+        r, q, v, Omega = y[:, : 3 * nb], y[:, 3 * nb : 7 * nb], y[:, 7 * nb : 10 * nb], y[:, 10 * nb : 13 * nb]
+        return tuple(p.reshape(len(y), nb, -1) for p in (r, q, v, Omega))
 
     def _rows_at(
         self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """phi, A and phi_t."""
         pushes = self._pushes(r, R, v, Omega, t)
-        phi_t = np.zeros(self.system.nrows)
+        phi_t = np.zeros(self.nrows)
         for row, _, push in pushes:
             phi_t[row] = push.phi_t
         return self._phi(r, R, pushes), self._jacobian(r, R, pushes), phi_t
 
-    def _bodies(
-        self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, k: int
-    ) -> tuple[Body, Body]:
+    def _bodies(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, k: int) -> tuple[Body, Body]:
         ends = (self.system.joint_i[k], self.system.joint_j[k])
         ground = Body(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
         i, j = (ground if b == GROUND else Body(r[b], R[b], v[b], R[b] @ Omega[b]) for b in ends)
@@ -151,13 +150,14 @@ class NewtonEuler:
         return out
 
     def _phi(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, Push]]) -> np.ndarray:
-        out = np.zeros(self.system.nrows)
+        out = np.zeros(self.nrows)
         for row, _, push in pushes:
             out[row] = push.phi
         out[self.point] = self._gap(r, R, self.pinned)
-        d, (way, _) = self._gap(r, R, self.line.joint), self._ways(r, R)
-        link = self.line.length > 0.0
-        out[self.line.row] = np.where(link, 0.5, 1.0) * np.sum(d * way, axis=1) - 0.5 * self.line.length
+        if len(self.line.row):
+            d, (way, _) = self._gap(r, R, self.line.joint), self._ways(r, R)
+            link = self.line.length > 0.0
+            out[self.line.row] = np.where(link, 0.5, 1.0) * np.sum(d * way, axis=1) - 0.5 * self.line.length
         u, n = self._axes(_with_ground(R, np.eye(3)))
         out[self.axis.row] = np.sum(u * n, axis=1)
         return out
@@ -189,7 +189,7 @@ class NewtonEuler:
     def _jacobian(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, Push]]) -> np.ndarray:
         """A (nrows, 6 nb) of phi_dot = A (r_dot, Omega)."""
         s, turned = self.system, _with_ground(R, np.eye(3))
-        A = np.zeros((s.nrows, s.nb, 6))
+        A = np.zeros((self.nrows, s.nb, 6))
         torque = _cross(*self._axes(turned))
         way, x = self._ways(r, R) if len(self.line.row) else (np.zeros((0, 3)),) * 2
         for end, arm, sign, pins, lines, axes in self.ends:
@@ -208,7 +208,7 @@ class NewtonEuler:
                 if b != GROUND:
                     moment = push.T + cross(push.x - r[b], push.F)
                     A[row, b] += sign * np.concatenate((push.F, R[b].T @ moment))
-        return A.reshape(s.nrows, 6 * s.nb)
+        return A.reshape(self.nrows, 6 * s.nb)
 
     def _gamma(
         self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, pushes: list[tuple[int, int, Push]]
@@ -216,7 +216,7 @@ class NewtonEuler:
         """What A (r_ddot, Omega_dot) has to be for phi_ddot = 0."""
         s = self.system
         turned, omega = _with_ground(R, np.eye(3)), _with_ground(np.einsum("bij,bj->bi", R, Omega), np.zeros(3))
-        out = np.zeros(s.nrows)
+        out = np.zeros(self.nrows)
         bend, rate = np.zeros((2, s.nj, 3))  # of d: what v_dot and Omega_dot do not give of d_ddot, and d_dot
         for body, arm, sign, *_ in self.ends:
             w, p = omega[body], np.einsum("jab,jb->ja", turned[body], arm)

@@ -17,7 +17,13 @@ from ..mechanics.test_joints import consistent
 from .mechanisms import problem
 
 ROUNDING = 1e-11  # of accelerations up to 1e2 in rates, of rows with condition numbers up to 1e3
-J, STIFFNESS, DAMPING, TORQUE, RATE = 0.3, 5.0, 0.2, 0.7, 2.3  # of a forced wheel: kg m2, N m/rad, N m s/rad, N m, rad/s
+J, STIFFNESS, DAMPING, TORQUE, RATE = (
+    0.3,
+    5.0,
+    0.2,
+    0.7,
+    2.3,
+)  # of a forced wheel: kg m2, N m/rad, N m s/rad, N m, rad/s
 
 
 @pytest.fixture(scope="module", autouse=True)
