@@ -137,8 +137,8 @@ def _key(problem: Problem) -> str | None:
 @cache
 def _code() -> bytes:
     here = sorted(Path(__file__).parent.glob("*.py"))
-    shared = (lent.__file__, time_functions.__file__, user_forces.__file__)
-    return b"".join(Path(f).read_bytes() for f in (*here, *shared))
+    shared = (Path(lent.__file__), Path(time_functions.__file__), Path(user_forces.__file__))
+    return b"".join(f.read_bytes() for f in (*here, *shared))
 
 
 @dataclass

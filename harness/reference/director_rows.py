@@ -67,7 +67,7 @@ def _knife_edge(i: Body, j: Body, p: Joint) -> list[Row]:
 
 
 def _rolling(i: Body, j: Body, p: Joint) -> list[Row]:
-    """Height of the centre less L g, g^2 = 1 - w^2, w = n . axis; no slip at the lowest point c - L (n - w axis) / g."""
+    """Height of the centre less L g, g^2 = 1 - w^2, w = n . axis; no slip at lowest point c - L (n - w axis) / g."""
     (X, X_dot), (Y, Y_dot), L = i, j, p.length
     c, c_dot, a, a_dot = p.s_i @ X, p.s_i @ X_dot, p.u @ X, p.u @ X_dot
     d, d_dot = c - p.s_j @ Y, c_dot - p.s_j @ Y_dot
