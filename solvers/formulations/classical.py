@@ -1,6 +1,7 @@
 """Options and refusals shared by the solvers on the symbolic route, Eqs. (65) and (92)-(94)."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.types import Problem, StepControl
@@ -16,6 +17,10 @@ from .traced import without_expression
 @dataclass(frozen=True)
 class SymbolicOptions(Clocked):
     """Coordinates, and the treatment of redundant rows."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "rtol"
 
     coordinates: str = option(
         "quaternion", "chart of each body; the paper's is euler313", choices=("quaternion", "euler313")
