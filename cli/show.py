@@ -84,10 +84,7 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
 
 
 def _list_settings(r: RunRecord) -> dict[str, str]:
-    out = {
-        "problem": _assign(r.problem, r.problem_parameters),
-        "solver": _assign(r.solver, r.solver_options),
-    }
+    out = {"problem": _assign(r.problem, r.problem_parameters), "solver": _assign(r.solver, r.solver_options)}
     for name in SETTINGS:
         value = getattr(r, name)
         if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):

@@ -24,11 +24,7 @@ from .formulations.start import consistent, coordinates_and_velocities, layout_f
 class IdaIndex1(BaumgarteOptions):
     """IDA (BDF) on index 1 + Baumgarte, fully implicit or semi-explicit."""
 
-    form: str = option(
-        "fi",
-        "fully implicit (u' in the constraint row) or semi-explicit (M^-1)",
-        choices=("fi", "se"),
-    )
+    form: str = option("fi", "fully implicit (u' in the constraint row) or semi-explicit (M^-1)", choices=("fi", "se"))
 
     paper_label: ClassVar[str] = "DAE-FI"
 

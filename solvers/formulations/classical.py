@@ -26,9 +26,7 @@ class SymbolicOptions(Clocked):
         "quaternion", "chart of each body; the paper's is euler313", choices=("quaternion", "euler313")
     )
     redundancy: str = option(
-        "drop",
-        "redundant rows: drop all but an independent set at the start, or refuse",
-        choices=("drop", "refuse"),
+        "drop", "redundant rows: drop all but an independent set at the start, or refuse", choices=("drop", "refuse")
     )
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
