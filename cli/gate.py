@@ -30,14 +30,7 @@ from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite, load_suite
-from .arguments import (
-    UsageError,
-    check_not_installed,
-    check_writable,
-    count_jobs,
-    find_results,
-    load_plugins,
-)
+from .arguments import UsageError, check_not_installed, check_writable, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
 from .progress import run_watched
 from .terminal import console, print_json

@@ -15,13 +15,7 @@ from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import make_spec
 from ..harness.types import Status
-from .arguments import (
-    UsageError,
-    check_writable,
-    load_problem,
-    parse_assignments,
-    positive_float,
-)
+from .arguments import UsageError, check_writable, load_problem, parse_assignments, positive_float
 from .commands import CONTROL
 from .terminal import console, error_console
 
@@ -75,11 +69,7 @@ def as_plain(r: RunRecord) -> dict[str, Any]:
 
     numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
     unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}
-    return {
-        **_jsonable(numbers),
-        **unpacked,
-        "reasons": [_jsonable(x) for x in json.loads(r.wrong_because)],
-    }
+    return {**_jsonable(numbers), **unpacked, "reasons": [_jsonable(x) for x in json.loads(r.wrong_because)]}
 
 
 def _jsonable(numbers: Mapping[str, Any]) -> dict[str, Any]:

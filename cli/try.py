@@ -14,12 +14,7 @@ from ..harness.results.records import RunRecord
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
 from ..harness.types import EndedBy
-from .arguments import (
-    UsageError,
-    check_writable,
-    count_jobs,
-    load_plugins,
-)
+from .arguments import UsageError, check_writable, count_jobs, load_plugins
 from .check import resolve_entries
 from .findings import print_findings
 from .progress import run_watched
