@@ -33,6 +33,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
 from .formulations.ida import OUT_OF_TEST
+from .formulations.layout import Layout
 from .formulations.newton import Scheme, maximum, ndf_newton, root_mean_square
 from .formulations.recording import Clock, StepFailure, march, trajectory
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
@@ -72,9 +73,9 @@ class NdfIndex1(BaumgarteOptions):
         keep = self.accelerations != "mass_matrix"  # F = E(y) y' - f(y): without y', what is left of dF/dy is -df/dy
         ndf = self.scheme.on(form, (y, y_dot), problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
         setup_time = clock.restart()
-        start, lam = (0.0, y, y[layout.lam]), layout.lam
+        start = 0.0, y, layout.all_rows(y[layout.lam])
         with np.errstate(all="ignore"):
-            done = march(lambda: _step(ndf, lam), start, layout, problem.t_end, control, clock)
+            done = march(lambda: _step(ndf, layout), start, layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
         counters = {
             "evaluations": ndf.nfev + form.difference_evaluations,
@@ -86,7 +87,7 @@ class NdfIndex1(BaumgarteOptions):
         return trajectory(layout, done, counters, notes, cpu_time=cpu_time, setup_time=setup_time)
 
 
-def _step(ndf: DaeSolver, lam: slice) -> tuple[float, np.ndarray, np.ndarray]:
+def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
     try:
         message = ndf.step()
     except (RuntimeError, np.linalg.LinAlgError) as error:  # SuperLU's "Factor is exactly singular"
@@ -95,4 +96,4 @@ def _step(ndf: DaeSolver, lam: slice) -> tuple[float, np.ndarray, np.ndarray]:
         raise StepFailure(Status.DIVERGED, f"the linear system is not finite ({error})") from None
     if ndf.status == "failed":
         raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
-    return ndf.t, ndf.y, ndf.y[lam]
+    return ndf.t, ndf.y, layout.all_rows(ndf.y[layout.lam])

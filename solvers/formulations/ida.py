@@ -79,9 +79,9 @@ def integrate(
                 status, words = FAILURES.get(flag, (Status.CRASHED, f"flag {flag}"))
                 raise StepFailure(status, f"IDA: {words}" + (f" ({ida.messages})" if ida.messages else ""))
             y = y.take(place)
-            return t, y, y[lam]
+            return t, y, layout.all_rows(y[lam])
 
-        done = march(advance, (0.0, start.y, start.y[lam]), layout, problem.t_end, control, clock)
+        done = march(advance, (0.0, start.y, layout.all_rows(start.y[lam])), layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
         evaluations, jacobians = ida.evaluations, ida.jacobians
     counters = {

@@ -82,16 +82,16 @@ class Clocked(ABC):
 
 @dataclass
 class March:
-    """The result of the integration: accepted (t, y, reaction), status and message."""
+    """The result of the integration: accepted (t, y, reaction on all rows), status and message."""
 
     t: list[float]
     y: list[Float[np.ndarray, " n"]]
-    reaction: list[Float[np.ndarray, " k"]]
+    reaction: list[Float[np.ndarray, " nrows"]]
     status: Status = Status.SUCCESS
     message: str = ""
 
 
-Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, " k"]]]  # one step: t, y, reaction
+Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, " nrows"]]]  # one step: t, y, reaction
 
 
 def march(
@@ -157,7 +157,7 @@ def trajectory(
         status=status,
         message=message,
         counters={"steps": nt - 1, **counters},
-        reaction=layout.all_rows(np.array(done.reaction)),
+        reaction=np.array(done.reaction),
         diagnostics={"chart_margin": margin},
         notes=notes,
         cpu_time=cpu_time,

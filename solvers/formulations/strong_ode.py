@@ -65,19 +65,22 @@ def integrate(
     if not lambda_in_test:
         atol[n:] = OUT_OF_TEST
     rhs(0.0, y)
-    reaction = latest.copy()
+    reaction = form.all_rows(latest)
     limits: dict[str, Any] = {"rtol": control.rtol, "atol": atol, "max_step": control.max_step or np.inf}
     ode = method(rhs, 0.0, y, problem.t_end, **limits)
     setup_time = clock.restart()
 
     def advance() -> tuple[float, np.ndarray, np.ndarray]:
+        nonlocal form
         with np.errstate(all="ignore"):  # overflow on the way to a failure that is reported
             message = ode.step()
             if ode.status == "failed":
                 raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
             if pair is None:
                 rhs(ode.t, ode.y)
-        return ode.t, ode.y[:n], latest
+        reaction = form.all_rows(latest)
+        form = form.renew(ode.y[:n])
+        return ode.t, ode.y[:n], reaction
 
     done = march(advance, (0.0, y[:n], reaction), layout, problem.t_end, control, clock)
     cpu_time, steps = clock.cpu_time(), len(done.t) - 1
