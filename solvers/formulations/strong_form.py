@@ -120,7 +120,7 @@ class StrongForm:
         self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
 
     def renew(self, pu: Float[np.ndarray, " n"]) -> "StrongForm":
-        """This form, or one on other rows if a kept row has come near to the span of others since rows were chosen.
+        """Itself, or the form on other rows if a kept row has come near to the span of others since the choice.
 
         Both have the same accelerations. Call it after ``rates``; without redundant rows there is no choice.
         """

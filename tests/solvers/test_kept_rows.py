@@ -39,7 +39,7 @@ def test_the_plane_loop_that_the_fuzzer_found_is_solved(solver):
 @pytest.mark.parametrize("solver", ["cvode", "rk45_strong_form", "scipy_strong_form"])
 @pytest.mark.parametrize("rotation", [(0.7, -0.4, 1.1), (-0.3, 2.0, 0.4)])
 def test_the_strong_form_changes_its_rows_where_those_in_use_wear_out(solver, rotation):
-    """Bricard's loop, turned: a reaction of the one self-stress crosses zero at 0.636 s, and no row is safe for ever."""
+    """Bricard's loop, turned: a reaction of the one self-stress crosses zero at 0.636 s, and none is safe for ever."""
     problem, form = make_problem("bricard"), Form(0, "fixed", rotation)
     true = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states[-1]
     errors = []
