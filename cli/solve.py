@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from ..harness.catalogue import registry
@@ -15,7 +14,7 @@ from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import make_spec
 from ..harness.types import Status
-from .arguments import UsageError, check_writable, load_problem, parse_assignments, positive_float
+from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
 from .commands import CONTROL
 from .terminal import console, error_console
 
@@ -33,10 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
     wall = None if limit is None else positive_float(limit, "cpu_limit")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
-    out = Path(arguments.out or f"{name}-{arguments.solver}.npz")
+    out = writable_file(arguments.out or f"{name}-{arguments.solver}.npz")
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {str(out)!r})")
-    check_writable(out)
     from ..harness.execution import solve_file
 
     output = console()
