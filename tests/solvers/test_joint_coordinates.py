@@ -1,6 +1,7 @@
 """Code of a mechanism in joint coordinates: the judge's accelerations, orders, symmetries, and no wrong success."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -158,6 +159,22 @@ def test_errors_fall_through_singular_positions_of_parallel_bars() -> None:
     errors = [error(problem, solve(problem, rtol)) for rtol in (1e-4, 1e-6, 1e-8)]
     assert errors[1] < errors[0] / 5.0
     assert errors[2] < min(errors[1] / 5.0, 1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "rtols"),
+    [("n_four_bar", {}, 10.0 ** -np.arange(5.0, 11.1, 0.5)), ("four_bar_grid", {"release": "all_rows"}, (1e-6, 1e-8))],
+)
+def test_singular_positions_are_passed_by_code_at_every_tolerance(
+    name: str, parameters: dict[str, str], rtols: Sequence[float]
+) -> None:
+    """A passage costs a few steps and errors fall on: each is below 1000 times the tolerance to the power 8/9."""
+    problem = make_problem(name, parameters)
+    for rtol in rtols:
+        out = solve(problem, rtol)
+        assert not any("kernel" in note for note in out.notes), (rtol, out.notes)
+        assert error(problem, out) < 1000.0 * rtol ** (8.0 / 9.0), rtol
+        assert out.counters["rejected"] < out.counters["steps"]
 
 
 class Spooled:

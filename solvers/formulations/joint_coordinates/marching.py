@@ -1,8 +1,13 @@
 """DOP853 on the coordinates of a tree, error-controlled, each accepted step projected onto its loops (compiled).
 
 A step is rejected where a pivot of any of its evaluations falls to ``LEAST_IN_STAGES`` of its start, as it does where
-the rank of the rows changes, or to ``LEAST_PIVOT`` where it is projected, or where rows that were left out open there:
-a shorter one steps over most passages. Where a step is cut ``MOST_CUTS`` times, the kernel takes over for good.
+the rank of the rows changes, or to ``LEAST_PIVOT`` where it is projected, or where rows that were left out open there.
+
+Motions pass singular positions smoothly, accelerations off the loops do not: gaps are divided by the distance. A step
+whose pivots fall to ``LOW`` and whose error is too large is tried again on f(P(P(y))), with P the projection: the same
+motion to the same order, without that division. It fails only where a stage all but hits the position, and its other
+lengths, ``TRIALS`` of the first one, move the stages. The step after it has that first length again: after short ones
+steps would creep towards the position, never over it. After ``MOST_CUTS`` beside, the kernel takes over for good.
 """
 
 import dataclasses
@@ -17,7 +22,7 @@ from ..compiled import host as kernel
 from ..compiled.algebra import copy
 from ..compiled.entries import Bound, inner, run
 from ..compiled.host import ENDS, FIRST_STEP, UNTOLD, Method, _march
-from ..compiled.marching import FULL, STUCK, March, Record, empty_record, march, new_control
+from ..compiled.marching import FULL, SAFETY, STUCK, March, Record, empty_record, march, new_control
 from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
@@ -26,10 +31,13 @@ from .code import MOST_OPERATIONS, make_code, too_large
 from .counting import least_operations
 from .tree import spanning_tree
 
-LEAST_PIVOT, LEAST_IN_STAGES = 1e-5, 1e-8  # over its value at the start: where a step is projected, and before
+LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8  # over its value at the start: where a step is projected, and before
+LOW = 3e-3  # the same: a singular position may be near
 OPEN = 1e-6  # of the size of the mechanism: rows that were left out
 MOST_CUTS = 10
 NEAR = 10.0  # as an error: a step that comes too near is cut to two thirds
+ONE = 1.0 + 1e-15  # as an error: the next step is ``SAFETY`` of h
+TRIALS = np.array([0.8, 1.25, 0.65, 1.5, 0.5, 0.9, 0.4, 0.3, 0.2, 0.1, 0.05])
 ROOM, MOST_AT_ONCE = 1_000_000, 1000  # bytes and steps that are recorded before Python takes them over
 
 
@@ -62,7 +70,8 @@ class Stages(NamedTuple):
     error: Any  # (1,)
     least: Any  # (1,) pivot of the last evaluation, or of all of a step in one
     guard: Any  # (2,) of the step: least pivot, gap
-    limits: Any  # (4,) least pivot of stages and at the end, largest gap, rejections at the last accepted step
+    limits: Any  # (4,) least pivot of stages and at the end, largest gap, pivot of a passage
+    tries: Any  # (4,) rejections before this step; first length of a passage, or 0, and its trials; least pivot
     accelerate: int
     measure: int
     whole: int
@@ -72,21 +81,8 @@ class Stages(NamedTuple):
 
 def step(s: Any) -> None:
     """Stages and the error of a step of ``control.h``."""
-    c, n = s.control, len(s.b)
-    if _is_stuck(s):
-        return
-    least = 1.0
-    for i in range(1, n):
-        _combine(s, s.a[i], i, s.y, c.h)
-        s.given[0] = c.t + c.h * s.c[i]
-        run(s.accelerate)
-        least = min(least, s.least[0])
-        copy(s.y_dot, s.slopes[i])
-    _combine(s, s.b, n, s.y, c.h)
-    _add_errors(s)
-    s.given[1], s.given[2] = c.h, c.rtol
-    run(s.measure)
-    _close(s, least)
+    if not _is_stuck(s):
+        _close(s, _try(s, 0))
 
 
 def step_at_once(s: Any) -> None:
@@ -95,6 +91,7 @@ def step_at_once(s: Any) -> None:
     if _is_stuck(s):
         return
     s.given[0], s.given[1], s.given[2] = c.t, c.h, c.rtol
+    c.evaluations += len(s.b) - 1
     run(s.whole)
     _close(s, s.least[0])
 
@@ -106,34 +103,70 @@ def finish(s: Any) -> None:
     copy(s.after, s.y)
     copy(s.after, s.start)
     copy(s.y_dot, s.slopes[0])
-    s.limits[3] = c.rejected
     run(s.record)
+    if not s.tries[3] > s.limits[3]:  # those at what came in are far off there
+        run(s.accelerate)
+        copy(s.y_dot, s.slopes[0])
+        c.evaluations += 1
+    if s.tries[1] > 0.0:  # the next step is as long
+        c.h, c.error, c.last_error = s.tries[1] / SAFETY, 1.0, 1.0
+    s.tries[0], s.tries[1], s.tries[2] = c.rejected, 0.0, 0.0
 
 
 @inner
 def _is_stuck(s: Any) -> bool:
     c = s.control
-    if c.rejected - s.limits[3] < MOST_CUTS:
+    if c.rejected - s.tries[0] - s.tries[2] < MOST_CUTS:
         return False
     c.status = STUCK
     return True
 
 
 @inner
+def _try(s: Any, projections: int) -> float:
+    """Stages, each after so many projections, and the error: the least pivot. Without any, the first slope is there."""
+    c, n = s.control, len(s.b)
+    least = 1.0
+    for i in range(0 if projections else 1, n):
+        _combine(s, s.a[i], i, s.y, c.h)
+        s.given[0] = c.t + c.h * s.c[i]
+        for _ in range(projections):
+            run(s.finish)
+            copy(s.after, s.y)
+        run(s.accelerate)
+        c.evaluations += 1 + projections
+        least = min(least, s.least[0])
+        copy(s.y_dot, s.slopes[i])
+    _combine(s, s.b, n, s.y, c.h)
+    _add_errors(s)
+    s.given[1], s.given[2] = c.h, c.rtol
+    run(s.measure)
+    return least
+
+
+@inner
 def _close(s: Any, least: float) -> None:
-    """Project a step whose error is small enough; one that comes near a change of rank is to be cut."""
+    """Project a step whose error is small enough; choose the next length of one that passes a singular position."""
     c = s.control
-    c.evaluations += len(s.b) - 1
+    if not least > s.limits[3] and not s.error[0] <= 1.0:
+        least = _try(s, 2)
     c.error = s.error[0]
-    s.guard[0], s.guard[1] = least, 0.0
     near = not least > s.limits[0]
+    s.guard[0], s.guard[1] = least, 0.0
     if c.error <= 1.0 and not near:
         s.given[0] = c.t + c.h
         run(s.finish)
         c.evaluations += 1
         near = not (s.guard[0] > s.limits[1] and s.guard[1] < s.limits[2])
+        least = min(least, s.guard[0])
     if near:
         c.error = max(c.error, NEAR)
+    s.tries[3], tried = least, int(s.tries[2])
+    if not least > s.limits[3] and not c.error <= 1.0 and tried < len(TRIALS):
+        if tried == 0:
+            s.tries[1] = c.h
+        s.tries[2] += 1.0
+        c.h, c.error = s.tries[1] * TRIALS[tried] / SAFETY, ONE
 
 
 @inner
@@ -191,8 +224,8 @@ class Marcher:
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(
             state, given, tableau.a, tableau.b, tableau.c, tableau.error, start, y, y_dot, after, slopes, sums, error,
-            least, guard, np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), 0.0]),
-            *(program.entry for program in self._programs),
+            least, guard, np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), LOW]),
+            np.array([0.0, 0.0, 0.0, 1.0]), *(program.entry for program in self._programs),
         )  # fmt: skip
         one = step_at_once if self.code.is_small else step
         self._entries = Bound(one, self.stages), Bound(finish, self.stages)
