@@ -199,6 +199,7 @@ def test_a_run_that_the_kernel_goes_on_with_is_one_run(name: str, monkeypatch: p
     whole = solve(problem, 1e-10)
     spool = Spooled()
     monkeypatch.setattr(marching, "LEAST_PIVOT", 0.9)
+    monkeypatch.setattr(marching.Relay, "_choose_pivots", lambda relay: False)
     out = make_solver("dop853_joint").solve(problem, StepControl(rtol=1e-10, spool=spool))
     assert out.status is Status.SUCCESS, out.message
     assert any("kernel" in note for note in out.notes)
@@ -213,9 +214,24 @@ def test_a_run_that_the_kernel_goes_on_with_is_one_run(name: str, monkeypatch: p
     assert np.max(np.abs(gone)) < 1e-4 * np.max(np.abs(load))
 
 
+@pytest.mark.parametrize("name", ["bricard", "linkage"])
+def test_code_of_other_pivots_goes_on_with_the_same_motion(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where pivots of the start are lost and the rank is not, no kernel is needed."""
+    linked = Problem(name, linkage(), consistent(linkage(), 2), t_end=1.0, dt=1e-3, section="", source="")
+    problem = make_problem(name, {"t_end": 1.6}) if name == "bricard" else linked
+    whole = solve(problem, 1e-10)
+    monkeypatch.setattr(marching, "LEAST_PIVOT", 0.3)
+    monkeypatch.setattr(marching, "FAIR", 0.5)
+    out = solve(problem, 1e-10)
+    assert any("anew" in note for note in out.notes)
+    assert not any("kernel" in note for note in out.notes)
+    assert np.max(np.abs(out.states.r[-1] - whole.states.r[-1])) < 1e-7
+
+
 def test_a_run_that_the_kernel_cannot_end_says_both(monkeypatch: pytest.MonkeyPatch) -> None:
     """The message has why the code stopped, and what the kernel met."""
     monkeypatch.setattr(marching, "LEAST_PIVOT", 0.9)
+    monkeypatch.setattr(marching.Relay, "_choose_pivots", lambda relay: False)
     problem = make_problem("bricard", {"t_end": 1.0})
     out = make_solver("dop853_joint").solve(problem, StepControl(rtol=1e-10, max_steps=30))
     assert out.status is Status.STALLED
