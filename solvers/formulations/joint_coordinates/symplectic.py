@@ -6,6 +6,7 @@ others, then lam of all nodes by one step of a simplified Newton method,
     (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step,
 
 until only rounding changes. The first estimate extrapolates steps before. q and p are summed with compensation (Kahan).
+Where pivots are poor at the end of a step, code of another order of elimination goes on with the same q and p.
 """
 
 import dataclasses
