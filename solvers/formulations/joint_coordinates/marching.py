@@ -297,7 +297,9 @@ class Relay:
         record = self._runner.stretch(n)
         if self.state["outcome"] == STUCK:
             began = cpu_seconds()
+            record = Record(*(a.copy() for a in record))  # its room may be used again
             if not self._choose_pivots():
+                self.state["outcome"] = STUCK  # whatever was tried
                 self._go_on_without()
             self.set_up += cpu_seconds() - began
         return record
