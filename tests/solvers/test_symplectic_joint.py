@@ -216,6 +216,9 @@ def test_what_is_not_sound_is_said(solver: str, monkeypatch: pytest.MonkeyPatch)
     assert "user forces" in (make_solver(solver).refuses(pushed, control) or "")
     damped = make_problem("damped_linkage", {"t_end": 0.1})
     assert any("energy" in note for note in run(damped, 0.01, solver).notes)
+    singular = make_solver(solver).solve(make_problem("n_four_bar", {"windows": 2}), StepControl(dt=2e-4))
+    assert singular.status is Status.STEP_UNDERFLOW
+    assert "rank" in singular.message
     monkeypatch.setattr(symplectic.Relay, "_choose_pivots", lambda relay: False)
     out = make_solver(solver).solve(make_problem("bricard", {"t_end": 400.0}), StepControl(dt=0.02))
     assert out.status is Status.STEP_UNDERFLOW
