@@ -146,7 +146,7 @@ def _equations(
     from .motion import Motion
 
     motion = Motion(system, tree, t, y, opened=opened)
-    held, rows, K = loops.held(motion), loops.rows(motion), motion.inertia()
+    held, rows, K = loops.list_ball_rows(motion), loops.rows(motion), motion.inertia()
     n = len(K)
     for k, row in enumerate([*held, *rows], n):
         K[k] = {}
@@ -187,7 +187,7 @@ def _functions(
     u_dot = _column([x[k] for k in range(nu)])
     lam = _column([-x.get(k, ca.SX(0)) for k in range(first, first + len(rows))])
     step = factor.solve({k: -row.phi for k, row in enumerate(rows, first)})
-    q = _normalised(tree, motion.q + motion.q_dot(_column([step[k] for k in range(nu)])) if rows else motion.q)
+    q = _normalise(tree, motion.q + motion.q_dot(_column([step[k] for k in range(nu)])) if rows else motion.q)
     moved = Motion(system, tree, t, ca.vertcat(q, y[nq:]))
     after = loops.rows(moved)
     step = factor.solve({k: -row.rate for k, row in enumerate(after, first)})
@@ -264,7 +264,7 @@ def _drop_rounding(K: dict[int, dict[int, float]], nu: int) -> dict[int, dict[in
     return K
 
 
-def _normalised(tree: Tree, q: "ca.SX") -> "ca.SX":
+def _normalise(tree: Tree, q: "ca.SX") -> "ca.SX":
     import casadi as ca
 
     out = ca.SX(q)
