@@ -8,7 +8,7 @@ order 2 s, too.
 
 Symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step ends; energy
 is not kept exactly, but does not drift. With dampers, loads or drives the order holds, and no claim on energy. Of rows
-that depend on each other, those that are independent at the start hold; a run ends where one of its pivots vanishes.
+that depend on each other, independent ones hold; others are chosen, at the end of a step, where their pivots are poor.
 """
 
 from dataclasses import dataclass

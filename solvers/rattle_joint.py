@@ -6,8 +6,8 @@ that all three are implicit. phi and phi_dot of loops vanish at the ends of step
 a row.
 
 Order two; symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step
-ends. With dampers, loads or drives the order holds, and no claim on energy. Of rows that depend on each other, those
-that are independent at the start hold; a run ends where one of its pivots vanishes.
+ends. With dampers, loads or drives the order holds, and no claim on energy. Of rows that depend on each other,
+independent ones hold; others are chosen, at the end of a step, where their pivots are poor.
 """
 
 from dataclasses import dataclass

@@ -9,6 +9,7 @@
 ``least`` is the least pivot over its value at the start; ``guard`` has it and the largest phi of rows left out.
 """
 
+import contextlib
 import hashlib
 from dataclasses import fields
 from functools import cache
@@ -40,6 +41,10 @@ MOST_LOADED = 8  # codes that a process keeps: the last ones
 _LOADED: dict[str, Code] = {}
 
 
+class LostRank(ValueError):
+    """No order of elimination has safe pivots."""
+
+
 class JointCode(NamedTuple):
     """The code of a mechanism; rows of its loops that hold, and how many there are."""
 
@@ -54,16 +59,18 @@ class JointCode(NamedTuple):
         return self.operations <= SMALL
 
 
-def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
-    """Made, or loaded; ValueError where none can be made."""
-    key = f"{texts()}\0{_own_text()}\0{_digest(system, tree)}"
-    code = _LOADED.pop(key, None) or Code(lambda: _print(system, tree), key)
+def make_code(system: MultibodySystem, tree: Tree, at: np.ndarray | None = None) -> JointCode:
+    """Made, or loaded; ValueError where none can be made. Its order of elimination is found at y, or at the start."""
+    key = f"{texts()}\0{_own_text()}\0{_digest(system, tree, at)}"
+    code = _LOADED.pop(key, None) or Code(lambda: _print(system, tree, at), key)
     _LOADED[key] = code
     if len(_LOADED) > MOST_LOADED:
         del _LOADED[next(iter(_LOADED))]
     about = np.zeros(3)
     code.function("about", 1)(about.ctypes.data)
     kept, rows, operations = (int(x) for x in about)
+    if operations == 0:
+        raise LostRank("no order of elimination has safe pivots")
     if operations < 0:
         raise ValueError("needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853")
     if operations > MOST_OPERATIONS:
@@ -81,7 +88,7 @@ def too_large(operations: int) -> str:
     )
 
 
-def _print(system: MultibodySystem, tree: Tree) -> str:
+def _print(system: MultibodySystem, tree: Tree, at: np.ndarray | None) -> str:
     """IR of the functions, and of ``about``: rows kept, all rows, operations; alone, where they are too large."""
     import casadi as ca
 
@@ -93,9 +100,11 @@ def _print(system: MultibodySystem, tree: Tree) -> str:
         return {"about": Straight([], [ca.vertcat(kept, rows, operations)])}
 
     try:
-        functions, kept, rows = _functions(system, tree)
+        functions, kept, rows = _functions(system, tree, at)
     except NoInertia:
         return print_functions(about(0, 0, -1))
+    except LostRank:
+        return print_functions(about(0, 0, 0))
     operations = len(record_function(functions["accelerate"]).tape.operations)
     if operations <= SMALL:
         functions["step"] = write_step(functions["accelerate"], functions["measure"])
@@ -114,9 +123,26 @@ class Equations(NamedTuple):
     order: "Order"
 
 
-def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> Equations:
+def choose_order(
+    system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", at: np.ndarray | None = None
+) -> Equations:
+    """With balls opened or not, whichever has the shorter elimination; LostRank where none is safe at y."""
+    balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
+    found = []
+    for way in ([], balls)[: 1 + bool(balls)]:
+        with contextlib.suppress(LostRank):
+            found.append(_equations(system, tree, t, y, way, at))
+    if not found:
+        raise LostRank
+    return min(found, key=lambda equations: equations.order.products)
+
+
+def _equations(
+    system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int], at: np.ndarray | None = None
+) -> Equations:
+    """LostRank where a pivot at y is not safe beside the size of its row at the start, or as many rows do not hold."""
     from . import loops
-    from .elimination import find_order
+    from .elimination import AGAIN, find_order, sizes
     from .motion import Motion
 
     motion = Motion(system, tree, t, y, opened=opened)
@@ -126,10 +152,21 @@ def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", open
         K[k] = {}
         for u, entry in row.J.items():
             K[k][u] = K[u][k] = entry
-    return Equations(motion, K, n + len(held), rows, find_order(_drop_rounding(_evaluate(K, t, y, tree.start), n), n))
+    numbers = _drop_rounding(_evaluate(K, t, y, tree.start), n)
+    order = find_order(numbers, n)
+    if at is not None:
+        size, kept = sizes(numbers, n), len(order.rows)
+        order = find_order(_drop_rounding(_evaluate(K, t, y, at), n), n)
+        largest = max(size[n:], default=0.0)
+        pairs = [(abs(pivot), size[k] or largest) for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n]
+        if len(order.rows) != kept or any(pivot < AGAIN * of for pivot, of in pairs):
+            raise LostRank
+    return Equations(motion, K, n + len(held), rows, order)
 
 
-def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight], int, int]":
+def _functions(
+    system: MultibodySystem, tree: Tree, at: np.ndarray | None = None
+) -> "tuple[dict[str, Straight], int, int]":
     import casadi as ca
 
     from ..generated import Straight
@@ -140,9 +177,7 @@ def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight
 
     nq, nu = tree.nq, tree.nu
     t, y = ca.SX.sym("t"), ca.SX.sym("y", nq + nu)
-    balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
-    ways = ([], balls)[: 1 + bool(balls)]  # whichever has the shorter elimination
-    found = min((_equations(system, tree, t, y, way) for way in ways), key=lambda found: found.order.products)
+    found = choose_order(system, tree, t, y, at)
     motion, rows, first = found.motion, found.rows, found.first
     factor = Factor(found.K, found.order.rows)
     x = factor.solve(
@@ -250,12 +285,12 @@ def _column(x: list[Any]) -> "ca.SX":
     return ca.densify(ca.vertcat(*x)) if len(x) else ca.SX(0, 1)
 
 
-def _digest(system: MultibodySystem, tree: Tree) -> str:
-    """Digest of all numbers of a system and of its tree."""
+def _digest(system: MultibodySystem, tree: Tree, at: np.ndarray | None = None) -> str:
+    """Digest of all numbers of a system, of its tree, and of where the order of elimination is found."""
     digest = hashlib.sha256(repr([limb[:4] for limb in tree.limbs]).encode())
     arrays = {field.name: getattr(system, field.name) for field in fields(system)}
     arrays |= {f"limb {k} {n}": a for k, limb in enumerate(tree.limbs) for n, a in limb._asdict().items()}
-    arrays |= {"base": tree.base, "frames": tree.frames, "start": tree.start}
+    arrays |= {"base": tree.base, "frames": tree.frames, "start": tree.start, "at": at}
     for name, a in arrays.items():
         if isinstance(a, np.ndarray) and a.dtype != object:
             digest.update(f"{name} {a.shape} {a.dtype}".encode() + a.tobytes())

@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ....harness.mechanics.system import GROUND, MultibodySystem
+from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
 from ..rows.kept import _texts as texts
-from .code import MOST_OPERATIONS, _column, _digest, _equations, _evaluate, _normalise, _own_text, _parts, too_large
+from .code import MOST_OPERATIONS, _column, _digest, _evaluate, _normalise, _own_text, _parts, choose_order, too_large
 from .tree import Limb, Tree, snap
 
 if TYPE_CHECKING:
@@ -50,11 +50,13 @@ class HamiltonCode(NamedTuple):
     operations: int  # of ``stage``
 
 
-def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = False) -> HamiltonCode:
-    """Made, or loaded; ValueError where it is too large."""
+def make_hamilton_code(
+    system: MultibodySystem, tree: Tree, at: np.ndarray | None = None, *, radial: bool = False
+) -> HamiltonCode:
+    """Made, or loaded; ValueError where it is too large. Its orders of elimination are found at y, or at the start."""
     text = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    key = f"{texts()}\0{_own_text()}\0{text}\0{radial}\0{_digest(system, tree)}"
-    code = Code(lambda: _print(system, tree, radial), key)
+    key = f"{texts()}\0{_own_text()}\0{text}\0{radial}\0{_digest(system, tree, at)}"
+    code = Code(lambda: _print(system, tree, at, radial), key)
     about = np.zeros(3)
     code.function("about", 1)(about.ctypes.data)
     rows, entries, operations = (int(x) for x in about)
@@ -63,19 +65,21 @@ def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = Fa
     return HamiltonCode(code, rows, entries, operations)
 
 
-def _print(system: MultibodySystem, tree: Tree, radial: bool) -> str:
+def _print(system: MultibodySystem, tree: Tree, at: np.ndarray | None, radial: bool) -> str:
     import casadi as ca
 
     from ..generated.functions import Straight, record_function
 
-    functions, rows, entries = _functions(system, tree, radial)
+    functions, rows, entries = _functions(system, tree, at, radial)
     operations = len(record_function(functions["stage"]).tape.operations)
     if operations > MOST_OPERATIONS:
         functions = {}
     return print_functions({**functions, "about": Straight([], [ca.vertcat(rows, entries, operations)])})
 
 
-def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict[str, Straight], int, int]":
+def _functions(
+    system: MultibodySystem, tree: Tree, at: np.ndarray | None, radial: bool
+) -> "tuple[dict[str, Straight], int, int]":
     import casadi as ca
 
     from ..generated import Straight
@@ -86,15 +90,14 @@ def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict
     t, q, p, y = ca.SX.sym("t"), ca.SX.sym("q", nq), ca.SX.sym("p", nq), ca.SX.sym("y", nq + nu)
     x, u, pi = y[:nq], y[nq:], ca.SX.sym("pi", nu)  # of unit quaternions
     balls = [limb for limb in tree.limbs if limb.ball]
-    behind = [limb.body for limb in balls if limb.parent != GROUND]
-    ways = ([], behind)[: 1 + bool(behind)]  # whichever has the shorter elimination
-    found = min((_equations(system, tree, t, y, way) for way in ways), key=lambda found: found.order.products)
+    found = choose_order(system, tree, t, y, at)
     first, kept = found.first, sorted(k for k in found.order.rows if k >= found.first)
     rows = [found.rows[k - first] for k in kept]
     whole = Factor(found.K, found.order.rows)
     H = {k: {row: entry for row, entry in found.K[k].items() if row < first} for k in range(first)}
     at_start = _evaluate(H, t, y, tree.start)
-    of_tree = Factor(H, find_order(at_start, nu + 3 * len(found.motion.opened)).rows)
+    here = at_start if at is None else _evaluate(H, t, y, at)
+    of_tree = Factor(H, find_order(here, nu + 3 * len(found.motion.opened)).rows)
 
     moving, resting = (Motion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
     energy = _kinetic_energy(moving)
@@ -105,16 +108,16 @@ def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict
     moved = of_tree.solve(impulse)
     closed = whole.solve(impulse | {k: -row.rate for k, row in zip(kept, rows, strict=True)})
 
-    def at(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
+    def expressed(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
         """Expressions in unit quaternions at ``q``, velocities and momenta."""
-        values = ca.Function("at", [t, y, pi, lam], list(outputs))
+        values = ca.Function("expressed", [t, y, pi, lam], list(outputs))
         out = values(t, ca.vertcat(_normalise(tree, q), velocities), momenta, lam)
         return list(out) if isinstance(out, tuple) else [out]
 
     rest, lowered = ca.SX.zeros(nu), _project_momenta(tree, q, p)
-    (velocities,) = at([_column([moved[k] for k in range(nu)])], rest, lowered)
-    (forces,) = at([forces], velocities, lowered)
-    phi, gradient, held, mu, L = at(
+    (velocities,) = expressed([_column([moved[k] for k in range(nu)])], rest, lowered)
+    (forces,) = expressed([forces], velocities, lowered)
+    phi, gradient, held, mu, L = expressed(
         [
             phi, _project_momenta(tree, x, gradient), _column([closed[k] for k in range(nu)]),
             _column([closed[k] for k in kept]), _column(_entries(whole)),

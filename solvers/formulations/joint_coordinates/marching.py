@@ -1,8 +1,14 @@
 """DOP853 on the coordinates of a tree, error-controlled, each accepted step projected onto its loops (compiled).
 
 A step is rejected where a pivot of any of its evaluations falls to ``LEAST_IN_STAGES`` of its start, as it does where
-the rank of the rows changes, or to ``LEAST_PIVOT`` where it is projected, or where rows that were left out open there:
-a shorter one steps over most passages. Where a step is cut ``MOST_CUTS`` times, the kernel takes over for good.
+the rank of the rows changes, or to ``LEAST_PIVOT`` where it is projected, or where rows that were left out open there.
+
+Motions pass singular positions smoothly, accelerations off the loops do not: gaps are divided by the distance. A step
+whose pivots fall to ``LOW`` and whose error is too large is tried again on f(P(P(y))), with P the projection: the same
+motion to the same order, without that division. It fails only where a stage all but hits the position, and its other
+lengths, ``TRIALS`` of the first one, move the stages. The step after it has that first length again: after short ones
+steps would creep towards the position, never over it. After ``MOST_CUTS`` beside,
+code of another order of elimination goes on if it has safe pivots there, else the kernel for good.
 """
 
 import dataclasses
@@ -17,19 +23,24 @@ from ..compiled import host as kernel
 from ..compiled.algebra import copy
 from ..compiled.entries import Bound, inner, run
 from ..compiled.host import ENDS, FIRST_STEP, UNTOLD, Method, _march
-from ..compiled.marching import FULL, STUCK, March, Record, empty_record, march, new_control
+from ..compiled.marching import FULL, SAFETY, STUCK, March, Record, empty_record, march, new_control
 from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
-from .code import MOST_OPERATIONS, make_code, too_large
+from .code import MOST_OPERATIONS, LostRank, make_code, too_large
 from .counting import least_operations
 from .tree import spanning_tree
 
-LEAST_PIVOT, LEAST_IN_STAGES = 1e-5, 1e-8  # over its value at the start: where a step is projected, and before
+LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8  # over its value at the start: where a step is projected, and before
+LOW = 3e-3  # the same: a singular position may be near
+FAIR = 0.03  # the same: an earlier code goes on
 OPEN = 1e-6  # of the size of the mechanism: rows that were left out
 MOST_CUTS = 10
 NEAR = 10.0  # as an error: a step that comes too near is cut to two thirds
+ONE = 1.0 + 1e-15  # as an error: the next step is ``SAFETY`` of h
+TRIALS = np.array([0.8, 1.25, 0.65, 1.5, 0.5, 0.9, 0.4, 0.3, 0.2, 0.1, 0.05])
+Point = np.ndarray | None  # y where an order of elimination was found, or the start
 ROOM, MOST_AT_ONCE = 1_000_000, 1000  # bytes and steps that are recorded before Python takes them over
 
 
@@ -62,7 +73,8 @@ class Stages(NamedTuple):
     error: Any  # (1,)
     least: Any  # (1,) pivot of the last evaluation, or of all of a step in one
     guard: Any  # (2,) of the step: least pivot, gap
-    limits: Any  # (4,) least pivot of stages and at the end, largest gap, rejections at the last accepted step
+    limits: Any  # (4,) least pivot of stages and at the end, largest gap, pivot of a passage
+    tries: Any  # (4,) rejections before this step; first length of a passage, or 0, and its trials; least pivot
     accelerate: int
     measure: int
     whole: int
@@ -72,21 +84,8 @@ class Stages(NamedTuple):
 
 def step(s: Any) -> None:
     """Stages and the error of a step of ``control.h``."""
-    c, n = s.control, len(s.b)
-    if _is_stuck(s):
-        return
-    least = 1.0
-    for i in range(1, n):
-        _combine(s, s.a[i], i, s.y, c.h)
-        s.given[0] = c.t + c.h * s.c[i]
-        run(s.accelerate)
-        least = min(least, s.least[0])
-        copy(s.y_dot, s.slopes[i])
-    _combine(s, s.b, n, s.y, c.h)
-    _add_errors(s)
-    s.given[1], s.given[2] = c.h, c.rtol
-    run(s.measure)
-    _close(s, least)
+    if not _is_stuck(s):
+        _close(s, _try(s, 0))
 
 
 def step_at_once(s: Any) -> None:
@@ -95,6 +94,7 @@ def step_at_once(s: Any) -> None:
     if _is_stuck(s):
         return
     s.given[0], s.given[1], s.given[2] = c.t, c.h, c.rtol
+    c.evaluations += len(s.b) - 1
     run(s.whole)
     _close(s, s.least[0])
 
@@ -106,34 +106,70 @@ def finish(s: Any) -> None:
     copy(s.after, s.y)
     copy(s.after, s.start)
     copy(s.y_dot, s.slopes[0])
-    s.limits[3] = c.rejected
     run(s.record)
+    if not s.tries[3] > s.limits[3]:  # those at what came in are far off there
+        run(s.accelerate)
+        copy(s.y_dot, s.slopes[0])
+        c.evaluations += 1
+    if s.tries[1] > 0.0:  # the next step is as long
+        c.h, c.error, c.last_error = s.tries[1] / SAFETY, 1.0, 1.0
+    s.tries[0], s.tries[1], s.tries[2] = c.rejected, 0.0, 0.0
 
 
 @inner
 def _is_stuck(s: Any) -> bool:
     c = s.control
-    if c.rejected - s.limits[3] < MOST_CUTS:
+    if c.rejected - s.tries[0] - s.tries[2] < MOST_CUTS:
         return False
     c.status = STUCK
     return True
 
 
 @inner
+def _try(s: Any, projections: int) -> float:
+    """Stages, each after so many projections, and the error: the least pivot. Without any, the first slope is there."""
+    c, n = s.control, len(s.b)
+    least = 1.0
+    for i in range(0 if projections else 1, n):
+        _combine(s, s.a[i], i, s.y, c.h)
+        s.given[0] = c.t + c.h * s.c[i]
+        for _ in range(projections):
+            run(s.finish)
+            copy(s.after, s.y)
+        run(s.accelerate)
+        c.evaluations += 1 + projections
+        least = min(least, s.least[0])
+        copy(s.y_dot, s.slopes[i])
+    _combine(s, s.b, n, s.y, c.h)
+    _add_errors(s)
+    s.given[1], s.given[2] = c.h, c.rtol
+    run(s.measure)
+    return least
+
+
+@inner
 def _close(s: Any, least: float) -> None:
-    """Project a step whose error is small enough; one that comes near a change of rank is to be cut."""
+    """Project a step whose error is small enough; choose the next length of one that passes a singular position."""
     c = s.control
-    c.evaluations += len(s.b) - 1
+    if not least > s.limits[3] and not s.error[0] <= 1.0:
+        least = _try(s, 2)
     c.error = s.error[0]
-    s.guard[0], s.guard[1] = least, 0.0
     near = not least > s.limits[0]
+    s.guard[0], s.guard[1] = least, 0.0
     if c.error <= 1.0 and not near:
         s.given[0] = c.t + c.h
         run(s.finish)
         c.evaluations += 1
         near = not (s.guard[0] > s.limits[1] and s.guard[1] < s.limits[2])
+        least = min(least, s.guard[0])
     if near:
         c.error = max(c.error, NEAR)
+    s.tries[3], tried = least, int(s.tries[2])
+    if not least > s.limits[3] and not c.error <= 1.0 and tried < len(TRIALS):
+        if tried == 0:
+            s.tries[1] = c.h
+        s.tries[2] += 1.0
+        c.h, c.error = s.tries[1] * TRIALS[tried] / SAFETY, ONE
 
 
 @inner
@@ -164,13 +200,14 @@ def _add_errors(s: Any) -> None:
 
 
 class Marcher:
-    """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
+    """The code of a problem's mechanism at work; ValueError where none can be made."""
 
     _room: tuple[Record, Bound] | None = None
 
-    def __init__(self, problem: Problem, state: np.ndarray) -> None:
+    def __init__(self, problem: Problem, state: np.ndarray, before: "Marcher | None" = None, at: Point = None) -> None:
+        """From the start, or from where the one ``before`` stands, by the order of elimination found at y."""
         system, tree = problem.system, spanning_tree(problem.system, problem.initial)
-        self.code = make_code(system, tree)
+        self.code = make_code(system, tree, at)
         nb, n, tableau = system.nb, len(tree.start), DOPRI853
         self.state = state
         self.kernel = bodies = Bodies(
@@ -191,15 +228,16 @@ class Marcher:
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(
             state, given, tableau.a, tableau.b, tableau.c, tableau.error, start, y, y_dot, after, slopes, sums, error,
-            least, guard, np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), 0.0]),
-            *(program.entry for program in self._programs),
+            least, guard, np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), LOW]),
+            np.array([0.0, 0.0, 0.0, 1.0]), *(program.entry for program in self._programs),
         )  # fmt: skip
         one = step_at_once if self.code.is_small else step
         self._entries = Bound(one, self.stages), Bound(finish, self.stages)
-        y[:] = tree.start
+        t[0], first = state["t"], before.stages.start if before else tree.start
+        y[:] = first
         self._programs[3].run()
         self._entries[1]()
-        y[:], start[:] = tree.start, tree.start
+        y[:], start[:] = first, first
         self.reaction = bodies.lam.copy()[None]
         self.stretch(0)
 
@@ -220,6 +258,11 @@ class Marcher:
         bundle = March(self.state, self.kernel, record, UNTOLD, *(e.entry for e in self._entries))  # type: ignore[arg-type]
         return record, Bound(march, bundle)
 
+    @property
+    def here(self) -> np.ndarray:
+        """y."""
+        return self.stages.start
+
     def explain(self, outcome: int) -> str:
         """Why the march has ended."""
         if outcome != STUCK:
@@ -232,35 +275,68 @@ class Marcher:
 
 
 class Relay:
-    """A march by code, and by the kernel of rkmk_dop853 where that cannot go on: one time, one count."""
+    """A march by code; where that cannot go on, by code of another order of elimination, then by the kernel."""
 
     def __init__(self, problem: Problem, code: Marcher) -> None:
         self.state, self.kernel, self.reaction = code.state, code.kernel, code.reaction
-        self.set_up, self.notes = 0.0, list[str]()
-        self._problem, self._code = problem, code
-        self._runner: Marcher | kernel.Marcher = code
+        self.set_up, self.changes, self._notes = 0.0, list[float](), list[str]()
+        self._problem, self._runner, self._points = problem, code, list[Point]([None])
+        self._fallback: kernel.Marcher | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Changes of code."""
+        times = ", ".join(f"{t:g}" for t in self.changes[:3]) + (", ..." if len(self.changes) > 3 else "")
+        return (*([f"pivots chosen anew at t = {times} s"] if self.changes else []), *self._notes)
 
     def stretch(self, n: int) -> Record:
         """Up to ``n`` steps, reactions as the system has them."""
-        record: Record = self._runner.stretch(n)
-        if self._runner is not self._code:
-            return record._replace(lam=record.lam[:, self._runner.kernel.order])
+        if self._fallback:
+            record: Record = self._fallback.stretch(n)
+            return record._replace(lam=record.lam[:, self._fallback.kernel.order])
+        record = self._runner.stretch(n)
         if self.state["outcome"] == STUCK:
-            self._hand_over()
+            began = cpu_seconds()
+            record = Record(*(a.copy() for a in record))  # its room may be used again
+            if not self._choose_pivots():
+                self.state["outcome"] = STUCK  # whatever was tried
+                self._go_on_without()
+            self.set_up += cpu_seconds() - began
         return record
 
-    def _hand_over(self) -> None:
-        began, t, k = cpu_seconds(), float(self.state["t"]), self.kernel
-        why = f"{self._code.explain(STUCK)} at t = {t:g} s"
-        self.notes.append(f"{why}; from there on by the kernel of rkmk_dop853")
+    def _choose_pivots(self) -> bool:
+        """Whether code goes on whose pivots are safe here, an earlier one if it can; once at a time."""
+        t = float(self.state["t"])
+        if self.changes and not t > self.changes[-1]:
+            return False
+        for at in self._points:
+            other = self._made_at(at)
+            if other.stages.guard[0] > FAIR:
+                break
+        else:
+            here = self._runner.here.copy()
+            try:
+                other = self._made_at(here)
+            except LostRank:
+                return False
+            self._points.append(here)
+        self._runner = other
+        self.changes.append(t)
+        return True
+
+    def _made_at(self, at: Point) -> Marcher:
+        return Marcher(self._problem, self.state, self._runner, at)
+
+    def _go_on_without(self) -> None:
+        t, k = float(self.state["t"]), self._runner.kernel
+        self._notes.append(f"{self._runner.explain(STUCK)} at t = {t:g} s; from there on by the kernel of rkmk_dop853")
         here = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), t)
         rest = dataclasses.replace(self._problem, initial=here)
-        self._runner = kernel.Marcher(rest, explicit_pair(DOPRI853), self.state)
-        self.set_up = cpu_seconds() - began
+        self._fallback = kernel.Marcher(rest, explicit_pair(DOPRI853), self.state)
 
     def explain(self, outcome: int) -> str:
         """Why the march has ended."""
-        return "; ".join([*self.notes, self._runner.explain(outcome)])
+        return "; ".join([*self.notes, (self._fallback or self._runner).explain(outcome)])
 
 
 METHOD = Method(

@@ -6,6 +6,7 @@ others, then lam of all nodes by one step of a simplified Newton method,
     (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step,
 
 until only rounding changes. The first estimate extrapolates steps before. q and p are summed with compensation (Kahan).
+Where pivots are poor at the end of a step, code of another order of elimination goes on with the same q and p.
 """
 
 import dataclasses
@@ -18,7 +19,7 @@ from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled.algebra import clear, copy
 from ..compiled.entries import Bound, inner, run
 from ..compiled.host import ENDS, ROUNDINGS, Method, _march
-from ..compiled.marching import STUCK, new_control
+from ..compiled.marching import FULL, STUCK, new_control
 from ..generated import Program
 from ..recording import no_trajectory
 from ..refusals import without_phi
@@ -26,14 +27,14 @@ from . import marching
 from .code import make_code
 from .collocation import DEPTH, Tableau
 from .hamilton import make_hamilton_code
-from .marching import OPEN, Bodies
+from .marching import OPEN, Bodies, Point
 from .tree import spanning_tree
 
 MOST_SWEEPS = 60
 LOOSE = 1e-9  # larger changes are no rounding
 ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
 CALLS = ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")
-LEAST_PIVOT = 1e-6  # of the start's
+POOR_PIVOT, LEAST_PIVOT = 1e-3, 1e-6  # of their first values: others are looked for, and the march ends
 FASTEST = 1e-2  # assumed convergence of a sweep, at best
 
 
@@ -264,10 +265,13 @@ def _correct(s: Any, t: float, h: float) -> float:
 class Marcher(marching.Marcher):
     """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
 
-    def __init__(self, problem: Problem, state: np.ndarray, tableau: Tableau, *, radial: bool) -> None:
+    def __init__(
+        self, problem: Problem, state: np.ndarray, tableau: Tableau, before: "Marcher | None" = None, at: Point = None,
+        *, radial: bool,
+    ) -> None:  # fmt: skip
         system, tree = problem.system, spanning_tree(problem.system, problem.initial)
-        self.code, own = make_code(system, tree), make_hamilton_code(system, tree, radial=radial)
-        self.hamilton = own
+        self.code, own = make_code(system, tree, at), make_hamilton_code(system, tree, at, radial=radial)
+        self.hamilton, self.tableau, self.radial = own, tableau, radial
         nb, ny, nq, r = system.nb, len(tree.start), tree.nq, own.rows
         stages, m = len(tableau.b), len(tableau.nodes)
         self.state = state
@@ -294,25 +298,55 @@ class Marcher(marching.Marcher):
             *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, np.zeros((stages, 2, nq)),
             np.zeros((DEPTH, stages, 2, nq)), np.zeros((m, r)), np.zeros((DEPTH, m, r)),
             np.zeros((m - 1, r)), rows, gaps, solved, push, np.zeros((m, nq)), y, after, guard,
-            np.array([LEAST_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0)]),
+            np.array([POOR_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0)]),
             np.zeros(2), *(programs[name].entry for name in CALLS),
         )  # fmt: skip
-        y[:] = tree.start
+        t[0], y[:] = state["t"], before.here if before else tree.start
         for name in ("finish", "record"):  # projected velocities, the reaction
             programs[name].run()
         self.reaction = bodies.lam.copy()[None]
-        y[:] = after
-        z[0] = y[:nq]
-        programs["enter"].run()
-        self.stages.start[:] = z
+        if before:  # the same canonical coordinates; rows that hold may be others
+            self.stages.start[:], self.stages.rest[:] = before.stages.start, before.stages.rest  # type: ignore[attr-defined]
+        else:
+            y[:] = after
+            z[0] = y[:nq]
+            programs["enter"].run()
+            self.stages.start[:] = z
         self._entries = Bound(step, self.stages), Bound(finish, self.stages)
         self.stretch(0)
 
+    @property
+    def here(self) -> np.ndarray:
+        """y at the end of the last step."""
+        return self.stages.y  # type: ignore[no-any-return]
+
+    @property
+    def is_near(self) -> bool:
+        """Whether pivots or rows that were left out end the march here."""
+        s = self.stages
+        return not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1])
+
     def explain(self, outcome: int) -> str:
         """Why the march has ended."""
-        pivot, gap = self.stages.guard
-        near = not (pivot > self.stages.limits[0] and gap < self.stages.limits[1])
-        return f"{super().explain(outcome)}: use rattle" if near else ENDS[outcome][1]
+        return f"{super().explain(outcome)}: use rattle" if self.is_near else ENDS[outcome][1]
+
+
+class Relay(marching.Relay):
+    """A march whose pivots are chosen anew at the end of a step where they are poor; it ends where they are lost."""
+
+    _runner: Marcher
+
+    def _choose_pivots(self) -> bool:
+        return self._runner.is_near and super()._choose_pivots()
+
+    def _made_at(self, at: Point) -> Marcher:
+        before = self._runner
+        return Marcher(self._problem, self.state, before.tableau, before, at, radial=before.radial)
+
+    def _go_on_without(self) -> None:
+        s = self._runner.stages
+        if s.limits[0] > LEAST_PIVOT and s.guard[0] > LEAST_PIVOT and s.guard[1] < s.limits[1]:
+            s.limits[0], self.state["outcome"] = LEAST_PIVOT, FULL
 
 
 METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations", "iterations"))
@@ -331,10 +365,14 @@ def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radia
         marcher = Marcher(problem, state, tableau, radial=radial)
     except ValueError as error:
         return no_trajectory(problem, Status.REFUSED, str(error))
-    out = _march(problem, control, METHOD, marcher, cpu_seconds() - began)
+    relay = Relay(problem, marcher)
+    out = _march(problem, control, METHOD, relay, cpu_seconds() - began)
     notes = [f"code of {marcher.hamilton.operations} operations a stage"]
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
     if not problem.system.is_conservative:
         notes.append("dampers, loads or drives act: the order holds, a claim on energy does not")
-    return dataclasses.replace(out, notes=tuple(notes))
+    return dataclasses.replace(
+        out, notes=(*notes, *relay.notes), cpu_time=out.cpu_time - relay.set_up,
+        setup_time=out.setup_time + relay.set_up,
+    )  # fmt: skip
