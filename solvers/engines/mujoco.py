@@ -14,6 +14,7 @@ gyroscopic terms implicitly, Euler does not. With ``settings`` "file" integrator
 MJCF file that the problem was read from, at its timestep: what its author runs.
 """
 
+import contextlib
 import math
 from dataclasses import dataclass
 from types import ModuleType
@@ -28,10 +29,10 @@ from ...harness.catalogue.mechanism import CompiledMechanism
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.system import GROUND
-from ...harness.types import Problem, States, StepControl, Trajectory
+from ...harness.types import Problem, States, Status, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
-from .export.march import march
+from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
 from .export.plain import springs_of_hinges
 from .export.tree import KINDS, Kind, Tree, spanning_tree
@@ -101,19 +102,25 @@ class Model:
         self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
         self.model = _spec(self.mj, options, problem, self.tree, control.dt).compile()
         self.data = self.mj.MjData(self.model)
-        self.advance(1, control.dt)  # what it sets up at the first call is not counted
+        with contextlib.suppress(PartialStretch):
+            self.advance(1, control.dt)  # what it sets up at the first call is not counted
         self.mj.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = self.tree.start, self.tree.start_velocity
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """(time, qpos, qvel) after each of the next steps."""
+        """(time, qpos, qvel) after each of the next steps; after a warning ``rollout`` repeats its last state."""
         mj, self.model.opt.timestep = self.mj, dt
         kind = mj.mjtState.mjSTATE_FULLPHYSICS
         first = np.empty(mj.mj_stateSize(self.model, kind))
         mj.mj_getState(self.model, self.data, first, kind)
         warm = self.data.qacc_warmstart.copy()
         rows, _ = mj.rollout.rollout(self.model, self.data, first[None], nstep=steps, initial_warmstart=warm[None])
-        return rows[0]
+        warning = next((w for w in range(mj.mjtWarning.mjNWARNING) if self.data.warning[w].number), None)
+        if warning is None:
+            return rows[0]
+        words = mj.mju_warningText(warning, self.data.warning[warning].lastinfo)
+        moved = int(np.sum(np.diff(rows[0, :, 0], prepend=first[0]) > 0.0))  # the last of them warned
+        raise PartialStretch(Status.DIVERGED, f"MuJoCo warned and stopped: {words}", rows[0, : max(moved - 1, 0)])
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
         """Of rows of ``advance``."""

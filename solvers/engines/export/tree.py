@@ -145,6 +145,14 @@ class Tree:
             v[:, b] -= _turned(R[:, b], np.cross(Omega[:, b], limb.s_child))
         return States(r[:, :nb], R[:, :nb], v[:, :nb], Omega[:, :nb])
 
+    @property
+    def levels(self) -> int:
+        """Bodies on the longest way from the ground."""
+        depth = {GROUND: 0}
+        for limb in self.limbs:
+            depth[limb.body] = depth[limb.parent] + 1
+        return max(depth.values())
+
     def jacobian(self) -> Float[np.ndarray, "twists nu"]:
         """T of (r_dot, Omega) = T u at the start, by bodies: velocities are linear in u."""
         s = self._unit_motions()

@@ -10,6 +10,8 @@ from typing import Any
 import dartpy as dart
 import numpy as np
 
+from .turning import turned_back
+
 GROUND = -1
 OWN = 0.01  # DART's error reduction
 
@@ -86,7 +88,7 @@ class Model:
             elif kind == "FREE":
                 q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 3 : i + 6], _quaternions(theirs[:, i : i + 3])
                 u[:, to : to + 3] = v[:, i + 3 : i + 6]
-                u[:, to + 3 : to + 6] = _turned_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
+                u[:, to + 3 : to + 6] = turned_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
             else:
                 n = joint.getNumDofs()
                 q[:, at : at + n], u[:, to : to + n] = theirs[:, i : i + n], v[:, i : i + n]
@@ -147,9 +149,3 @@ def _quaternions(a: np.ndarray) -> np.ndarray:
     """(w, x, y, z) of the exponentials of rotation vectors."""
     angle = np.linalg.norm(a, axis=1, keepdims=True)
     return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)
-
-
-def _turned_back(q: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """R^T a of the rotations q."""
-    once = np.cross(-q[:, 1:], a)
-    return a + 2.0 * (q[:, :1] * once + np.cross(-q[:, 1:], once))

@@ -29,6 +29,8 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 from pydrake.systems.primitives import LogVectorOutput
 
+from .turning import arm_and_normal, matrices
+
 GROUND = -1
 APPROXIMATIONS = {"tamsi": "kTamsi", "sap": "kSap", "similar": "kSimilar", "lagged": "kLagged"}
 NO_STEP = 1e-6  # of a step: no step of its own
@@ -151,7 +153,8 @@ class Model:
             return
         moves, A = limb["moves"], np.eye(3)
         if kind == "BALL":
-            A = _ball_axes(limb, self._data["gravity"])
+            x, z = arm_and_normal(limb, self._data["gravity"])
+            A = np.stack((x, np.cross(z, x), z), axis=1)
         if kind == "UNIVERSAL":
             x, y = (np.array(axis) for _, axis in moves)
             A = np.stack((x, y, np.cross(x, y)), axis=1)
@@ -230,27 +233,16 @@ class Model:
             at, to, i, j = limb["q_at"], limb["u_at"], joint.position_start(), joint.velocity_start()
             if limb["kind"] == "FREE":
                 q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 4 : i + 7], theirs[:, i : i + 4]
-                u[:, to : to + 3], turned = v[:, j + 3 : j + 6], _matrices(theirs[:, i : i + 4])
+                u[:, to : to + 3], turned = v[:, j + 3 : j + 6], matrices(theirs[:, i : i + 4])
                 u[:, to + 3 : to + 6] = np.einsum("tji,tj->ti", turned, v[:, j : j + 3])
             elif limb["kind"] == "BALL":
                 turned = _quaternions(theirs[:, i : i + 3])
                 q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ about.T
-                u[:, to : to + 3] = np.einsum("tji,tj->ti", _matrices(turned), v[:, j : j + 3]) @ about.T
+                u[:, to : to + 3] = np.einsum("tji,tj->ti", matrices(turned), v[:, j : j + 3]) @ about.T
             else:
                 n = joint.num_positions()
                 q[:, at:][:, about], u[:, to:][:, about] = theirs[:, i : i + n], v[:, j : j + n]
         return q, u
-
-
-def _ball_axes(limb: dict[str, Any], gravity: list[float]) -> np.ndarray:
-    """Columns x, y, z of the frame of a ball joint in the child."""
-    arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
-    x = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[0]
-    z = np.cross(x, down)
-    if np.linalg.norm(z) <= 1e-6 * (np.linalg.norm(down) or 1.0):
-        z = np.cross(x, np.eye(3)[np.argmin(np.abs(x))])
-    z /= np.linalg.norm(z)
-    return np.stack((x, np.cross(z, x), z), axis=1)
 
 
 def _quaternions(rpy: np.ndarray) -> np.ndarray:
@@ -258,11 +250,3 @@ def _quaternions(rpy: np.ndarray) -> np.ndarray:
     (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * rpy).T, np.sin(0.5 * rpy).T
     return np.stack((cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
                      cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy), axis=1)  # fmt: skip
-
-
-def _matrices(quaternions: np.ndarray) -> np.ndarray:
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]  # fmt: skip
-    return np.moveaxis(np.array(rows), -1, 0)

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import opensim as osim
 
+from .turning import arm_and_normal, matrices
+
 PARTS = 10  # of the time: Simbody cannot be stopped between
 
 
@@ -118,7 +120,8 @@ class Model:
         end, coordinates, A = np.array(limb["s_child"]), [], np.eye(3)
         if kind in ("BALL", "FIXED", "FREE"):
             if kind == "BALL":
-                A = _ball_axes(limb, self._data["gravity"])
+                z, x = arm_and_normal(limb, self._data["gravity"])
+                A = np.stack((x, np.cross(z, x), z), axis=1)
             if kind == "FREE":
                 place, turned = np.array(limb["r"]), np.array(limb["R"])
             make = {"BALL": osim.BallJoint, "FIXED": osim.WeldJoint, "FREE": osim.FreeJoint}[kind]
@@ -191,7 +194,7 @@ class Model:
             at, to, kind = limb["q_at"], limb["u_at"], limb["kind"]
             if kind in ("BALL", "FREE"):
                 turned = _quaternions(theirs[:, q_at[:3]])
-                spin = np.einsum("tji,tj->ti", _matrices(turned), v[:, u_at[:3]]) @ A.T
+                spin = np.einsum("tji,tj->ti", matrices(turned), v[:, u_at[:3]]) @ A.T
             if kind == "BALL":
                 q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ A.T
                 u[:, to : to + 3] = spin
@@ -222,17 +225,6 @@ def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
     return np.stack([columns[(k - which) % 3] for k in range(3)], axis=1)
 
 
-def _ball_axes(limb: dict[str, Any], gravity: list[float]) -> np.ndarray:
-    """Columns x, y, z of the frame of a ball joint in the child."""
-    arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
-    z = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[2]
-    x = np.cross(z, down)
-    if np.linalg.norm(x) <= 1e-6 * (np.linalg.norm(down) or 1.0):
-        x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.stack((x, np.cross(z, x), z), axis=1)
-
-
 def _quaternions(angles: np.ndarray) -> np.ndarray:
     """(w, x, y, z) of R_x R_y R_z."""
     half = 0.5 * angles
@@ -246,11 +238,3 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     (aw, ax, ay, az), (bw, bx, by, bz) = np.broadcast_to(a, b.shape).T, b.T
     vector = aw * np.stack((bx, by, bz)) + bw * np.stack((ax, ay, az)) + np.cross((ax, ay, az), (bx, by, bz), axis=0)
     return np.stack((aw * bw - ax * bx - ay * by - az * bz, *vector), axis=-1)
-
-
-def _matrices(quaternions: np.ndarray) -> np.ndarray:
-    w, x, y, z = quaternions.T
-    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]  # fmt: skip
-    return np.moveaxis(np.array(rows), -1, 0)

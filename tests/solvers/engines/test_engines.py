@@ -153,6 +153,24 @@ def test_stretches_join(engine, monkeypatch):
     np.testing.assert_allclose(parts.states.r, whole.states.r, atol=1e-5)  # restarts of an implicit method
 
 
+@needs("mujoco")
+@pytest.mark.parametrize("stretch", [20_000, 7])
+def test_a_warning_of_mujoco_ends_the_run_with_its_reason(stretch, monkeypatch):
+    """``rollout`` repeats its last state after a warning; ``mj_step`` says what came before the step that warned."""
+    module, march, p = module_of("mujoco"), module_of("mujoco").march, make_problem("heavy_top", {"t_end": 2.0})
+    solver, control = make_solver("mujoco", {"integrator": "Euler"}), StepControl(dt=0.02)
+    monkeypatch.setattr(module, "march", lambda *a, **k: march(*a, **{**k, "stretch": stretch}))
+    t = solver.solve(p, control)
+    assert t.status is Status.DIVERGED and "MuJoCo warned and stopped: Nan, Inf or huge value in QACC" in t.message
+    model, rows = module.Model(solver, p, control), []
+    while not any(w.number for w in model.data.warning):
+        rows.append(np.concatenate(([model.data.time], model.data.qpos, model.data.qvel)))
+        model.mj.mj_step(model.model, model.data)
+    exact = model.states(np.array(rows))
+    assert 10 < len(t.t) == len(rows) < 100 and t.t[-1] == pytest.approx(rows[-1][0])
+    np.testing.assert_array_equal(t.states.r, exact.r)
+
+
 @needs("exudyn")
 def test_rows_left_out_still_hold():
     """Of the grid's 70 rows 58 are stated; the others follow from them. Kept, they give the same motion."""
