@@ -24,6 +24,7 @@ class OpenSim(Adapter):
     settings: str = option("ours", "accuracy as given by rtol, or as it comes", choices=("ours", "default"))
 
     control: ClassVar[str] = "rtol"
+    loads: ClassVar[str] = "varying"
     inside: ClassVar[str] = "opensim"
     package: ClassVar[str] = "opensim"
     wheel: ClassVar[str] = "opensim"

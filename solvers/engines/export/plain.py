@@ -14,7 +14,7 @@ PARALLEL = 1e-9  # of an axis and that of a hinge
 
 
 def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
-    """Limbs (a ``torsion`` where a spring turns their hinge), cuts, springs; vectors in the frames of their bodies."""
+    """Limbs (a ``torsion`` where a spring turns their hinge), cuts, springs, loads; vectors in the frames of their bodies."""
     torsions = springs_of_hinges(system, start, tree)
     limbs = [
         {**{f.name: getattr(limb, f.name) for f in fields(limb)}, "kind": limb.kind.name, "moves": limb.moves(),
@@ -28,7 +28,12 @@ def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
         for k in range(len(system.spring_k))
     ]  # fmt: skip
     cuts = [{f.name: getattr(cut, f.name) for f in fields(cut)} for cut in tree.cuts]
-    return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "springs": springs,
+    loads = [
+        {"body": system.load_i[k], "point": system.load_p[k], "force": system.load_force[k],
+         "torque": system.load_torque[k], "follows": bool(system.load_follows[k]), "factor": system.load_factor[k]}
+        for k in range(len(system.load_i))
+    ]  # fmt: skip
+    return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "springs": springs, "loads": loads,
             "start": tree.start, "start_velocity": tree.start_velocity}  # fmt: skip
 
 

@@ -46,6 +46,7 @@ class Adapter(Clocked):
     kinds: ClassVar[tuple[str, ...]] = tuple(KINDS)  # of joints that it takes
     springs: ClassVar[bool] = True
     torsions: ClassVar[bool] = True
+    loads: ClassVar[str] = "none"  # or constant, or varying
     eps: ClassVar[float] = 0.0  # of its numbers, where they are of single precision
     moving: ClassVar[bool] = False  # whether the model check asks for random velocities, too
     stretch: ClassVar[int] = STRETCH
@@ -55,7 +56,7 @@ class Adapter(Clocked):
         absent = None if environment_of(self.inside) else missing(self.package, self.wheel, self.remedy)
         if (
             reason := absent
-            or beyond(problem.system, self.kinds, springs=self.springs, torsions=self.torsions)
+            or beyond(problem.system, self.kinds, springs=self.springs, torsions=self.torsions, loads=self.loads)
             or self._cannot(problem, control)
         ) is not None:
             return reason

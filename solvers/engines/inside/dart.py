@@ -10,7 +10,7 @@ from typing import Any
 import dartpy as dart
 import numpy as np
 
-from .turning import turned_back
+from .turning import turned_back, value
 
 GROUND = -1
 OWN = 0.01  # DART's error reduction
@@ -49,7 +49,9 @@ class Model:
         loads = []
         for rates in (0.0 * u, u):
             self._place(rates)
+            self._push(0.0)
             skeleton.computeForwardDynamics()
+            skeleton.clearExternalForces()
             M = skeleton.getMassMatrix()
             loads.append(V.T @ M @ skeleton.getAccelerations())
         rows = [np.zeros((0, nu))]
@@ -71,6 +73,7 @@ class Model:
         step, skeleton = self._world.step, self._skeleton
         made = np.empty((steps, 2 * skeleton.getNumDofs()))
         for k in range(steps):
+            self._push(self._world.getTime())
             step()
             made[k] = np.concatenate((skeleton.getPositions(), skeleton.getVelocities()))
         return made
@@ -116,6 +119,13 @@ class Model:
             joint.setTransformFromChildBodyNode(_isometry(np.eye(3), limb["s_child"]))
         body.setInertia(dart.dynamics.Inertia(limb["mass"], np.zeros(3), np.array(limb["inertia"])))
         self._bodies[b] = body
+
+    def _push(self, t: float) -> None:
+        """The loads at time t; a step clears them."""
+        for load in self._data["loads"]:
+            body, factor, follows = self._bodies[load["body"]], value(load["factor"], t), load["follows"]
+            body.addExtForce(factor * np.array(load["force"]), np.array(load["point"]), follows, True)
+            body.addExtTorque(factor * np.array(load["torque"]), follows)
 
     def _place(self, u: np.ndarray) -> None:
         """At the start with velocities u of the tree."""

@@ -9,8 +9,14 @@ import importlib.metadata
 from typing import Any
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, DiscreteContactApproximation
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    DiscreteContactApproximation,
+    ExternallyAppliedSpatialForce,
+)
 from pydrake.multibody.tree import (
     BallRpyJoint,
     FixedOffsetFrame,
@@ -26,10 +32,10 @@ from pydrake.multibody.tree import (
     UniversalJoint,
 )
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import DiagramBuilder, EventStatus
+from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
-from .turning import arm_and_normal, matrices
+from .turning import arm_and_normal, matrices, value
 
 GROUND = -1
 APPROXIMATIONS = {"tamsi": "kTamsi", "sap": "kSap", "similar": "kSimilar", "lagged": "kLagged"}
@@ -57,7 +63,8 @@ class Model:
 
     def at_start(self) -> dict[str, Any]:
         """For the model check; V of v = V u is constant to first order."""
-        plant, context = self._plant, self._plant.CreateDefaultContext()
+        plant, root = self._plant, self._simulator.get_system().CreateDefaultContext()
+        context = plant.GetMyMutableContextFromRoot(root)
         q, u = np.array(self._data["start"]), np.array(self._data["start_velocity"])
         V = np.zeros((len(u), len(u)))
         for k, unit in enumerate(np.eye(len(u))):
@@ -131,6 +138,10 @@ class Model:
             plant.AddBallConstraint(*ends)
         plant.Finalize()
         self._log = LogVectorOutput(plant.get_state_output_port(), builder)
+        if data["loads"]:
+            loads = builder.AddSystem(Loads(data["loads"], self._bodies))
+            builder.Connect(plant.get_body_poses_output_port(), loads.get_input_port())
+            builder.Connect(loads.get_output_port(), plant.get_applied_spatial_force_input_port())
         self._simulator = Simulator(builder.Build())
         if not self._discrete:
             longest = dt or (0.1 if self._default else data["t_end"])
@@ -206,9 +217,13 @@ class Model:
         return EventStatus.ReachedTermination(self._plant, "") if done else EventStatus.Succeeded()
 
     def _forces(self, context: Any) -> np.ndarray:
-        """All but those of constraints: -(C v - gravity - springs)."""
+        """All but those of constraints: -(C v - gravity - springs - loads)."""
         plant, applied = self._plant, MultibodyForces(self._plant)
         plant.CalcForceElementsContribution(context, applied)
+        for load in plant.get_applied_spatial_force_input_port().Eval(context) if self._data["loads"] else []:
+            body, world = plant.get_body(load.body_index), plant.world_frame()
+            to_body = body.EvalPoseInWorld(context).rotation()
+            body.AddInForce(context, load.p_BoBq_B, load.F_Bq_W.Rotate(to_body.inverse()), body.body_frame(), applied)
         return -plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), applied)
 
     def _theirs(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -243,6 +258,28 @@ class Model:
                 n = joint.num_positions()
                 q[:, at:][:, about], u[:, to:][:, about] = theirs[:, i : i + n], v[:, j : j + n]
         return q, u
+
+
+class Loads(LeafSystem):
+    """Forces and torques on points of bodies, whose poses are its input."""
+
+    def __init__(self, loads: list[dict[str, Any]], bodies: dict[int, Any]) -> None:
+        super().__init__()
+        self._loads = [(load, bodies[load["body"]].index()) for load in loads]
+        self.DeclareAbstractInputPort("poses", AbstractValue.Make([RigidTransform()]))
+        blank = AbstractValue.Make([ExternallyAppliedSpatialForce()])
+        self.DeclareAbstractOutputPort("forces", lambda: blank, self._forces)
+
+    def _forces(self, context: Any, output: Any) -> None:
+        poses, forces = self.get_input_port().Eval(context), []
+        for load, index in self._loads:
+            force = ExternallyAppliedSpatialForce()
+            force.body_index, force.p_BoBq_B = index, np.array(load["point"])
+            R = poses[int(index)].rotation().matrix() if load["follows"] else np.eye(3)
+            factor = value(load["factor"], context.get_time())
+            force.F_Bq_W = SpatialForce(factor * (R @ load["torque"]), factor * (R @ load["force"]))
+            forces.append(force)
+        output.set_value(forces)
 
 
 def _quaternions(rpy: np.ndarray) -> np.ndarray:

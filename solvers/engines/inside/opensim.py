@@ -40,6 +40,8 @@ class Model:
                 force = osim.PointToPointSpring(*ends, spring["stiffness"], spring["rest_length"])
             force.setName(f"spring_{k}")
             model.addForce(force)
+        for k, load in enumerate(data["loads"]):
+            self._load(k, load)
         for k, cut in enumerate(data["cuts"]):
             ends = [x for b in ("i", "j") for x in (self._bodies[cut[b]], osim.Vec3(*cut[f"s_{b}"]))]
             constraint = osim.PointConstraint(*ends)
@@ -150,6 +152,19 @@ class Model:
                 self._model.addForce(force)
             inner, place, turned = outer, np.zeros(3), np.eye(3)
         self._joints.append((limb, coordinates, A))
+
+    def _load(self, k: int, load: dict[str, Any]) -> None:
+        """Functions of time are expressions, which OpenSim evaluates by itself."""
+        c_0, c_1, c_2, c_3, a, w, p = load["factor"]
+        law = f"({c_0!r}+({c_1!r})*t+({c_2!r})*t^2+({c_3!r})*t^3+({a!r})*sin(({w!r})*t+({p!r})))"
+        force = osim.PrescribedForce(f"load_{k}", self._bodies[load["body"]])
+        for name in ("force", "torque"):
+            parts = [osim.ExpressionBasedFunction(f"({x!r})*{law}", ["t"]) for x in load[name]]
+            getattr(force, f"set{name.capitalize()}Functions")(*parts)
+        force.setPointFunctions(*(osim.Constant(x) for x in load["point"]))
+        force.setForceIsInGlobalFrame(not load["follows"])
+        force.setPointIsInGlobalFrame(False)
+        self._model.addForce(force)
 
     def _index(self) -> None:
         """Where the coordinates are in Simbody's vectors, and V of u_theirs = V u at the start."""

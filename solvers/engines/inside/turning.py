@@ -1,4 +1,4 @@
-"""Rotations as engines state them: quaternions (w, x, y, z), and the frames of ball joints with singular angles."""
+"""Rotations as engines state them, quaternions (w, x, y, z) and frames of ball joints; the factor of a load."""
 
 from typing import Any
 
@@ -39,3 +39,9 @@ def arm_and_normal(limb: dict[str, Any], gravity: list[float]) -> tuple[np.ndarr
     if np.linalg.norm(normal) <= 1e-6 * (np.linalg.norm(down) or 1.0):
         normal = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
     return along, normal / np.linalg.norm(normal)
+
+
+def value(numbers: list[float], t: float) -> float:
+    """c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)."""
+    c_0, c_1, c_2, c_3, a, w, p = numbers
+    return float(c_0 + t * (c_1 + t * (c_2 + t * c_3)) + a * np.sin(w * t + p))
