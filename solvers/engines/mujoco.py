@@ -7,7 +7,8 @@ MuJoCo's constraints are soft: a row follows
 
 with a_0 its acceleration without the constraint: a gap of about (1 - d) a_0 T^2 stays, so that with T = 2 dt errors
 fall with dt^2 whatever the integrator. Trees have no such rows, and their motion has the order of the integrator.
-Contacts and automatic resets are off; constant loads are actuators, springs are tendons, torsional springs about a hinge are those of its joint.
+Contacts and automatic resets are off; constant loads are actuators, springs are tendons, torsional springs about a
+hinge are those of its joint.
 With ``settings`` "default" integrator, solref, solimp and constraint solver are those that MuJoCo ships; only the step
 is ours (its own is 0.002 s). Its treatment of free bodies has no option: implicitfast, implicit and discrete take their
 gyroscopic terms implicitly, Euler does not. With ``settings`` "file" integrator, solref and solimp are those of the

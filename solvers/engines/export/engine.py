@@ -43,11 +43,8 @@ def beyond(
     words += ["user forces"] * (len(system.user_i) > 0)
     if not words:
         return None
-    others = [
-        "gravity",
-        *["springs"] * springs,
-        *[{"constant": "constant loads"}.get(loads, "loads")] * (loads != "none"),
-    ]
+    pushes = {"none": [], "constant": ["constant loads"], "varying": ["loads"]}[loads]
+    others = ["gravity", *["springs"] * springs, *pushes]
     given = f"it is given {', '.join(taken[:-1])} and {taken[-1]} joints, {', '.join(others[:-1]) or others[-1]}"
     given += f" and {others[-1]}" * (len(others) > 1)
     return f"{given} only; the system has {', '.join(words)}"

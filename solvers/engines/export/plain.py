@@ -14,7 +14,7 @@ PARALLEL = 1e-9  # of an axis and that of a hinge
 
 
 def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
-    """Limbs (a ``torsion`` where a spring turns their hinge), cuts, springs, loads; vectors in the frames of their bodies."""
+    """Limbs (a ``torsion`` where a spring turns their hinge), cuts, springs, loads; vectors in the frames of bodies."""
     torsions = springs_of_hinges(system, start, tree)
     limbs = [
         {**{f.name: getattr(limb, f.name) for f in fields(limb)}, "kind": limb.kind.name, "moves": limb.moves(),

@@ -221,7 +221,7 @@ class Model:
         plant, applied = self._plant, MultibodyForces(self._plant)
         plant.CalcForceElementsContribution(context, applied)
         for load in plant.get_applied_spatial_force_input_port().Eval(context) if self._data["loads"] else []:
-            body, world = plant.get_body(load.body_index), plant.world_frame()
+            body = plant.get_body(load.body_index)
             to_body = body.EvalPoseInWorld(context).rotation()
             body.AddInForce(context, load.p_BoBq_B, load.F_Bq_W.Rotate(to_body.inverse()), body.body_frame(), applied)
         return -plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), applied)
