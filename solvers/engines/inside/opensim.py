@@ -25,6 +25,7 @@ class Model:
         model.setUseVisualizer(False)
         model.setGravity(osim.Vec3(*data["gravity"]))
         self._bodies: dict[int, Any] = {-1: model.getGround()}
+        self._driven: list[tuple[Any, dict[str, Any]]] = []
         self._joints: list[tuple[dict[str, Any], list[Any], np.ndarray]] = []
         for limb in data["limbs"]:
             self._add(limb)
@@ -76,9 +77,10 @@ class Model:
             multipliers = state.getMultipliers().to_numpy() if len(rows) else np.zeros(0)
             loads.append(mass @ state.getUDot().to_numpy() + rows.T @ multipliers)
         V = self._V
+        drives = [np.eye(len(u))[limb["u_at"] : limb["u_at"] + 1] for _, limb in self._driven]
         return {
             "mass_matrix": V.T @ mass @ V, "rest_forces": V.T @ loads[0], "forces": V.T @ loads[1],
-            "constraints": rows @ V, "kinetic": model.calcKineticEnergy(state),
+            "constraints": np.concatenate((rows @ V, *drives)), "kinetic": model.calcKineticEnergy(state),
             "potential": model.calcPotentialEnergy(state) if self._states_energy else None,
         }  # fmt: skip
 
@@ -87,6 +89,8 @@ class Model:
         options, t_end = self._data["options"], self._data["t_end"]
         part = min(PARTS, int(self._time / t_end * PARTS + 0.5) + 1)
         self._time = t_end * part / PARTS
+        for coordinate, _ in self._driven:
+            coordinate.setIsPrescribed(self._state, True)
         manager = osim.Manager(self._model)
         manager.setIntegratorMethod(getattr(osim.Manager, f"IntegratorMethod_{options['integrator']}"))
         if options["settings"] != "default":
@@ -144,6 +148,9 @@ class Model:
             coordinate, torsion = joint.upd_coordinates(0), limb["torsion"]
             coordinate.setName(f"{name}_coordinate_{k}")
             coordinates.append(coordinate)
+            if limb["drive"] is not None:
+                coordinate.setPrescribedFunction(_motion(**limb["drive"]))
+                self._driven.append((coordinate, limb))
             if torsion is not None:
                 force = osim.SpringGeneralizedForce(coordinate.getName())
                 force.setStiffness(torsion["stiffness"])
@@ -154,12 +161,10 @@ class Model:
         self._joints.append((limb, coordinates, A))
 
     def _load(self, k: int, load: dict[str, Any]) -> None:
-        """Functions of time are expressions, which OpenSim evaluates by itself."""
-        c_0, c_1, c_2, c_3, a, w, p = load["factor"]
-        law = f"({c_0!r}+({c_1!r})*t+({c_2!r})*t^2+({c_3!r})*t^3+({a!r})*sin(({w!r})*t+({p!r})))"
+        """A force and a torque that follow functions of time."""
         force = osim.PrescribedForce(f"load_{k}", self._bodies[load["body"]])
         for name in ("force", "torque"):
-            parts = [osim.ExpressionBasedFunction(f"({x!r})*{law}", ["t"]) for x in load[name]]
+            parts = [_function(load["factor"], x) for x in load[name]]
             getattr(force, f"set{name.capitalize()}Functions")(*parts)
         force.setPointFunctions(*(osim.Constant(x) for x in load["point"]))
         force.setForceIsInGlobalFrame(not load["follows"])
@@ -221,6 +226,23 @@ class Model:
             else:
                 q[:, at : at + len(q_at)], u[:, to : to + len(u_at)] = theirs[:, q_at], v[:, u_at]
         return q, u
+
+
+def _function(numbers: list[float], factor: float = 1.0) -> Any:
+    """An expression, which OpenSim evaluates and differentiates by itself."""
+    c_0, c_1, c_2, c_3, a, w, p = numbers
+    law = f"({c_0!r}+({c_1!r})*t+({c_2!r})*t^2+({c_3!r})*t^3+({a!r})*sin(({w!r})*t+({p!r})))"
+    return osim.ExpressionBasedFunction(f"({factor!r})*{law}", ["t"])
+
+
+def _motion(name: str, motion: list[float]) -> Any:
+    """A polynomial or a sine: the second derivative of OpenSim's expressions is their first (4.6)."""
+    *c, a, w, p = motion
+    if a == 0.0:
+        return osim.PolynomialFunction(osim.Vector.createFromMat(np.array(c[::-1])))
+    if any(c[1:]):
+        raise ValueError(f"the drive {name} is a polynomial and a sine, a sum that OpenSim cannot differentiate twice")
+    return osim.Sine(a, w, p, c[0])
 
 
 def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:

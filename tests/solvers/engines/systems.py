@@ -65,7 +65,23 @@ def loaded(*, varying: bool) -> Problem:
     return problem("loaded", system, consistent(system, 3), 0.5)
 
 
-PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain, sliding)} | {
+def driven() -> Problem:
+    """A driven slide, a hinge whose drive is declared in the other order of ends, and a ball joint, moving."""
+    a, b, c, pose = (1.0, 2.0, 3.0), (0.5, -1.0, 0.2), (0.0, 1.0, 1.0), linkage(springs=False)
+    parts = [RigidBody(m, J) for m, J in zip(pose.mass, pose.inertia, strict=True)]
+    way, turn = TimeFunction((0.1, 0.4, -0.2, 0.7)), TimeFunction((0.3,), 0.5, 4.0, -0.4)
+    joints = [
+        Joint(0, (0.3, 0.1, 0.0), GROUND, (0.1, -0.2, 0.3), a, b, kind="prismatic", across_i=c, across_j=a),
+        Joint(0, (0.3, 0.1, 0.0), GROUND, (0.1, -0.2, 0.3), axis_j=b, name="way", kind="driven position", motion=way),
+        Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2), a, c),
+        Joint(0, (-0.4, 0.1, 0.2), 1, (0.2, 0.0, -0.3), c, a, "turn", "driven angle", b, c, motion=turn),
+        Joint(2, (-0.3, 0.2, 0.0), 1, (0.1, 0.2, 0.3)),
+    ]
+    system = assemble(parts, joints, (1.1, -2.3, -9.5))
+    return problem("driven", system, consistent(system, 3), 0.2)
+
+
+PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain, sliding, driven)} | {
     "slider_crank": lambda: slider_crank(hinged=True), "sprung": lambda: sprung(0.7),
     "loaded": lambda: loaded(varying=False), "loaded_in_time": lambda: loaded(varying=True),
 }  # fmt: skip
