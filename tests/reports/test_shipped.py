@@ -24,4 +24,6 @@ def test_the_best_is_the_cheapest_within_the_target(tmp_path):
     assert contest.reached([p.shipped for p in contest.pairs]) == (0, 2)
     assert contest.reached([p.best for p in contest.pairs]) == (1, 2)
     page = (site.build(tmp_path).parent / "engines.html").read_text()
+    assert [pair.tried for pair in contest.pairs if pair.who == "alpha"] == [2]
+    assert "0 to 2 settings of each, steps of 0.00625 to 0.05 s" in " ".join(page.split())
     assert "As shipped, 0 of 2 come within 0.001 m or rad; tuned, 1 of 2" in page
