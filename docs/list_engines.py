@@ -1,7 +1,7 @@
 """The tables of docs/engines.md, from results of the suite ``engine_defaults``.
 
-    python docs/list_engines.py RESULTS        # writes results/published/engines/contests.json and the page
-    python docs/list_engines.py                # writes the page from what is published
+python docs/list_engines.py RESULTS        # writes results/published/engines/contests.json and the page
+python docs/list_engines.py                # writes the page from what is published
 """
 
 import json
@@ -41,7 +41,7 @@ def _of(contest: Contest) -> dict[str, Any]:
     pairs = {pair.who: {"shipped": _run(contest, pair.shipped), "best": _run(contest, pair.best)}
              for pair in contest.pairs}  # fmt: skip
     made = [run for run in contest.variant.runs if run.status != "refused"]
-    return {"problem": contest.variant.problem, "unit": contest.measure.unit, "pairs": pairs,
+    return {"problem": contest.variant.runs[0].record.problem, "unit": contest.measure.unit, "pairs": pairs,
             "settings": sorted({f"{run.record.solver} {json.dumps(run.options)}" for run in made})}  # fmt: skip
 
 
@@ -56,22 +56,26 @@ def _run(contest: Contest, run: Run | None) -> dict[str, Any] | None:
 
 def tables() -> str:
     """How many reach the target; errors by contestant and problem; the cheapest code of each problem."""
+    if not PUBLISHED.exists():
+        return "No run of this code is published; `python docs/list_engines.py RESULTS` writes its tables here.\n"
     found = json.loads(PUBLISHED.read_text(encoding="utf-8"))
     every = found["contests"]
     problems = [one["problem"] for one in every]
-    shipped, tuned = (_total(every, which, found["target"]) for which in ("shipped", "best"))
+    target = found["target"]
+    shipped, tuned = (_total(every, which, target) for which in ("shipped", "best"))
     lines = [
-        f"Commit {found['commit'][:8]}, {found['runs']} runs, {found['budget']}. Within {found['target']:g} m or rad after "
+        f"Commit {found['commit'][:8]}, {found['runs']} runs, {found['budget']}. Within {target:g} m or rad over "
         f"one second: **{shipped[0]} of {shipped[1]} as shipped, {tuned[0]} of {tuned[1]} tuned**.",
         "", "Largest error [m, rad] as shipped, and of the best of the budget; CPU time of the latter.", "",
         "| | " + " | ".join(problems) + " |", "|---" * (1 + len(problems)) + "|",
     ]  # fmt: skip
     names = sorted({who for one in every for who in one["pairs"]})
     lines += [f"| `{who}` | " + " | ".join(_cell(one["pairs"].get(who)) for one in every) + " |" for who in names]
-    lines += ["", f"The cheapest runs within {found['target']:g}:", "", "| problem | cheapest | next | cheapest engine |",
-              "|---|---|---|---|"]  # fmt: skip
+    lines += ["", f"The cheapest runs within {target:g}:", ""]
+    lines += ["| problem | cheapest | next | cheapest engine |", "|---|---|---|---|"]
     for one in every:
-        order = sorted((p["best"]["cpu_s"], who) for who, p in one["pairs"].items() if _within(p["best"], found["target"]))
+        best = {who: pair["best"] for who, pair in one["pairs"].items() if _within(pair["best"], target)}
+        order = sorted((run["cpu_s"], who) for who, run in best.items())
         engine = next((pair for pair in order if pair[1] not in OURS), None)
         shown = [*order[:2], *[None] * (2 - len(order[:2])), engine]
         lines.append(f"| {one['problem']} | " + " | ".join(_cost(pair) for pair in shown) + " |")
