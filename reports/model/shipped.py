@@ -58,6 +58,8 @@ def contests(results: Results) -> list[Contest]:
 def describe_budget(found: Sequence[Contest]) -> str:
     """What every contestant was given on every problem, read from the runs."""
     tuned = [c.record for contest in found for c in contest.variant.labels().get(TUNED, ())]
+    if not tuned:
+        return "nothing has been tuned yet"
     tried, limit = _span([p.tried for c in found for p in c.pairs]), _span([r.cpu_limit_s for r in tuned])
     steps, tolerances = ([getattr(r, name) for r in tuned if getattr(r, name) > 0.0] for name in ("dt_s", "rtol"))
     spans = [f"{what} {_span(values)}{unit}" for what, values, unit in

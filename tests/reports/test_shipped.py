@@ -36,6 +36,12 @@ def test_the_best_is_the_cheapest_within_the_target(tmp_path):
     assert "As shipped, 0 of 2 come within 0.001 m or rad; tuned, 1 of 2" in page
 
 
+def test_a_page_of_runs_as_shipped_alone_is_written(tmp_path):
+    """A suite that is still running has made those first."""
+    put(tmp_path, record("run", "alpha", label=SHIPPED, dt_s=0.1, position_error_max_m=0.1))
+    assert "nothing has been tuned yet" in (site.build(tmp_path).parent / "engines.html").read_text()
+
+
 def test_the_tables_of_the_page_on_engines_are_what_is_published():
     """Made by docs/list_engines.py, which publishes nothing of a changed checkout."""
     page = list_engines.PAGE.read_text(encoding="utf-8")
