@@ -19,7 +19,7 @@ class Pair:
     who: str
     shipped: Run | None
     best: Run
-    tried: int
+    tried: int  # tuned settings
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,23 @@ def contests(results: Results) -> list[Contest]:
     return out
 
 
+def describe_budget(found: Sequence[Contest]) -> str:
+    """What every contestant was given on every problem, read from the runs."""
+    tuned = [c.record for contest in found for c in contest.variant.labels().get(TUNED, ())]
+    if not tuned:
+        return "nothing has been tuned yet"
+    tried, limit = _span([p.tried for c in found for p in c.pairs]), _span([r.cpu_limit_s for r in tuned])
+    steps, tolerances = ([getattr(r, name) for r in tuned if getattr(r, name) > 0.0] for name in ("dt_s", "rtol"))
+    spans = [f"{what} {_span(values)}{unit}" for what, values, unit in
+             (("steps of", steps, " s"), ("tolerances of", tolerances, "")) if values]  # fmt: skip
+    return f"{tried} settings of each, {' or '.join(spans)}, {limit} s of CPU a run"
+
+
+def _span(values: Sequence[float]) -> str:
+    least, most = min(values), max(values)
+    return f"{least:g}" if least == most else f"{least:g} to {most:g}"
+
+
 def contestant(run: Run) -> str:
     """The solver, with the one of its own that an engine has several of."""
     return " ".join([run.record.solver, *([str(run.options["solver"])] if "solver" in run.options else [])])
@@ -64,7 +81,8 @@ def _pair(contest: Contest, who: str, runs: Sequence[Run]) -> Pair:
     shipped = next((c for c in runs if c.record.label == SHIPPED), None)
     within = [c for c in runs if contest.error(c) <= TARGET]
     best = min(within, key=lambda c: c.record.cpu_median_s, default=None)
-    return Pair(who, shipped, best or min(runs, key=lambda c: _last(contest.error(c))), len(runs))
+    return Pair(who, shipped, best or min(runs, key=lambda c: _last(contest.error(c))),
+                sum(c.record.label == TUNED for c in runs))  # fmt: skip
 
 
 def _last(error: float) -> float:

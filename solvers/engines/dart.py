@@ -2,7 +2,7 @@
 
 A step is u_1 = u_0 + h a, then impulses on cut joints, then q_1 along u_1. ``error_reduction`` of a gap is closed a
 step. dartpy has no other integrator: the variational one of DART's C++ is not in it. With ``settings`` "default" the
-world is as nobody configured it, with an error reduction of 0.01.
+world is as nobody configured it, with an error reduction of 0.01. Loads are those at the start of each step.
 """
 
 from dataclasses import dataclass
@@ -32,4 +32,5 @@ class Dart(Adapter):
     kinds: ClassVar[tuple[str, ...]] = tuple(kind for kind in KINDS if kind != JointKind.CYLINDRICAL)
     springs: ClassVar[bool] = False
     torsions: ClassVar[bool] = False
+    loads: ClassVar[str] = "varying"
     stretch: ClassVar[int] = 5_000  # its loop is in Python

@@ -35,6 +35,7 @@ class Drake(Adapter):
     inside: ClassVar[str] = "drake"
     package: ClassVar[str] = "pydrake"
     wheel: ClassVar[str] = "drake"
+    loads: ClassVar[str] = "varying"  # by a system in Python
 
     @property
     def order(self) -> float:

@@ -28,6 +28,7 @@ class DrakeAdaptive(Adapter):
     inside: ClassVar[str] = "drake"
     package: ClassVar[str] = "pydrake"
     wheel: ClassVar[str] = "drake"
+    loads: ClassVar[str] = "varying"  # by a system in Python
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
         return loops_refusal(problem, self.integrator)

@@ -26,6 +26,7 @@ from ...harness.mechanics.jacobian import constraint_jacobian
 from ...harness.mechanics.joints import JointKind
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
+from ...harness.mechanics.time_functions import values, varies
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
@@ -59,7 +60,7 @@ class Exudyn(Clocked):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why Exudyn cannot take the problem, or None."""
-        if (reason := missing("exudyn") or beyond(problem.system, KINDS)) is not None:
+        if (reason := missing("exudyn") or beyond(problem.system, KINDS, loads="varying")) is not None:
             return reason
         model = Model(self, problem, control)
         steep = np.abs(problem.initial.R[:, 0, 2]) > STEEP
@@ -92,6 +93,8 @@ class Model:
             self._joint(system, start, k, self._rows[system.row_start[k] : system.row_start[k + 1]])
         for k in range(len(system.spring_k)):
             self._spring(system, k)
+        for k in range(len(system.load_i)):
+            self._load(system, k)
         self._sensors = [[self._sensor(b, name) for name in OUTPUTS] for b in self.bodies]
         mbs.Assemble()
         self._time = 0.0
@@ -205,6 +208,22 @@ class Model:
         markers = [self._marker(i, system.spring_p_i[k]), self._marker(j, system.spring_p_j[k])]
         law = {"stiffness": system.spring_k[k], "damping": system.spring_c[k], "referenceLength": system.spring_d0[k]}
         self.mbs.AddObject(self._exu.itemInterface.SpringDamper(markerNumbers=markers, **law))
+
+    def _load(self, system: MultibodySystem, k: int) -> None:
+        """Its factor is called in Python in every evaluation, where it varies."""
+        marker, factor = self._marker(int(system.load_i[k]), system.load_p[k]), system.load_factor[k : k + 1]
+        items, follows, now = self._exu.itemInterface, bool(system.load_follows[k]), values(factor, np.zeros(1))[0]
+        for kind, vector in (
+            (items.LoadForceVector, system.load_force[k]), (items.LoadTorqueVector, system.load_torque[k])
+        ):  # fmt: skip
+            if not np.any(vector):
+                continue
+            law = {}
+            if varies(factor)[0]:
+                law["loadVectorUserFunction"] = lambda mbs, t, _, vector=vector: (
+                    float(values(factor, np.array([t]))[0][0, 0]) * vector
+                )
+            self.mbs.AddLoad(kind(markerNumber=marker, loadVector=float(now[0, 0]) * vector, bodyFixed=follows, **law))
 
     def _sensor(self, body: Any, name: str) -> Any:
         kind = getattr(self._exu.OutputVariableType, name)

@@ -7,13 +7,15 @@ MuJoCo's constraints are soft: a row follows
 
 with a_0 its acceleration without the constraint: a gap of about (1 - d) a_0 T^2 stays, so that with T = 2 dt errors
 fall with dt^2 whatever the integrator. Trees have no such rows, and their motion has the order of the integrator.
-Contacts and automatic resets are off; springs are tendons, torsional springs about a hinge are those of its joint.
+Contacts and automatic resets are off; constant loads are actuators, springs are tendons, torsional springs about a
+hinge are those of its joint.
 With ``settings`` "default" integrator, solref, solimp and constraint solver are those that MuJoCo ships; only the step
 is ours (its own is 0.002 s). Its treatment of free bodies has no option: implicitfast, implicit and discrete take their
 gyroscopic terms implicitly, Euler does not. With ``settings`` "file" integrator, solref and solimp are those of the
 MJCF file that the problem was read from, at its timestep: what its author runs.
 """
 
+import contextlib
 import math
 from dataclasses import dataclass
 from types import ModuleType
@@ -27,11 +29,11 @@ from ...harness.catalogue import registry
 from ...harness.catalogue.mechanism import CompiledMechanism
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from ...harness.mechanics.system import GROUND
-from ...harness.types import Problem, States, StepControl, Trajectory
+from ...harness.mechanics.system import GROUND, MultibodySystem
+from ...harness.types import Problem, States, Status, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
-from .export.march import march
+from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
 from .export.plain import springs_of_hinges
 from .export.tree import KINDS, Kind, Tree, spanning_tree
@@ -76,7 +78,7 @@ class MuJoCo(Clocked):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why MuJoCo cannot take the problem, or None."""
-        if (reason := missing("mujoco") or beyond(problem.system, KINDS, torsions=True)) is not None:
+        if (reason := missing("mujoco") or beyond(problem.system, KINDS, torsions=True, loads="constant")) is not None:
             return reason
         if self.settings == "file" and (reason := _not_as_in_file(problem, control)) is not None:
             return reason
@@ -101,19 +103,25 @@ class Model:
         self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
         self.model = _spec(self.mj, options, problem, self.tree, control.dt).compile()
         self.data = self.mj.MjData(self.model)
-        self.advance(1, control.dt)  # what it sets up at the first call is not counted
+        with contextlib.suppress(PartialStretch):
+            self.advance(1, control.dt)  # what it sets up at the first call is not counted
         self.mj.mj_resetData(self.model, self.data)
         self.data.qpos[:], self.data.qvel[:] = self.tree.start, self.tree.start_velocity
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """(time, qpos, qvel) after each of the next steps."""
+        """(time, qpos, qvel) after each of the next steps; after a warning ``rollout`` repeats its last state."""
         mj, self.model.opt.timestep = self.mj, dt
         kind = mj.mjtState.mjSTATE_FULLPHYSICS
         first = np.empty(mj.mj_stateSize(self.model, kind))
         mj.mj_getState(self.model, self.data, first, kind)
         warm = self.data.qacc_warmstart.copy()
         rows, _ = mj.rollout.rollout(self.model, self.data, first[None], nstep=steps, initial_warmstart=warm[None])
-        return rows[0]
+        warning = next((w for w in range(mj.mjtWarning.mjNWARNING) if self.data.warning[w].number), None)
+        if warning is None:
+            return rows[0]
+        words = mj.mju_warningText(warning, self.data.warning[warning].lastinfo)
+        moved = int(np.sum(np.diff(rows[0, :, 0], prepend=first[0]) > 0.0))  # the last of them warned
+        raise PartialStretch(Status.DIVERGED, f"MuJoCo warned and stopped: {words}", rows[0, : max(moved - 1, 0)])
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
         """States from rows of ``advance``."""
@@ -206,7 +214,21 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
         ):
             parts[int(body)].add_site(name=f"spring {k} {end}", pos=p)
             cord.wrap_site(f"spring {k} {end}")
+    for k in range(len(system.load_i)):
+        _add_load(mj, spec, parts, system, k)
     return spec
+
+
+def _add_load(mj: ModuleType, spec: Any, parts: dict[int, Any], system: MultibodySystem, k: int) -> None:
+    """A constant load as an actuator without control: its bias is 1, its gear the wrench, in space or in the body."""
+    parts[int(system.load_i[k])].add_site(name=f"load {k}", pos=system.load_p[k])
+    actuator = spec.add_actuator(name=f"load {k}", trntype=mj.mjtTrn.mjTRN_SITE, target=f"load {k}")
+    if not system.load_follows[k]:
+        spec.worldbody.add_site(name=f"load {k} in space")
+        actuator.refsite = f"load {k} in space"
+    actuator.gear = system.load_factor[k, 0] * np.concatenate((system.load_force[k], system.load_torque[k]))
+    actuator.gaintype, actuator.gainprm = mj.mjtGain.mjGAIN_FIXED, np.zeros_like(actuator.gainprm)
+    actuator.biastype, actuator.biasprm = mj.mjtBias.mjBIAS_AFFINE, np.eye(len(actuator.biasprm))[0]
 
 
 def _file_of(problem: Problem) -> Any:

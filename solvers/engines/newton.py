@@ -3,6 +3,8 @@
 ``Featherstone`` has joint coordinates and semi-implicit Euler steps; ``MuJoCo`` is MuJoCo Warp under Newton's model;
 ``XPBD`` and ``Kamino`` have six coordinates a body, and find joint forces by iteration: gaps of joints are theirs.
 Points of cut joints are ball joints outside of the tree, which Featherstone does not know. Joint armature is zero.
+Accelerations of Featherstone and Kamino are compared (``export.stepped``). XPBD has none, for it moves bodies and takes
+velocities from that: what is compared is the model that it is given, by MuJoCo's forces (``export.model_check``).
 With ``settings`` "default" all else is as the solver ships: Featherstone's angular_damping 0.05 for one.
 """
 
@@ -13,12 +15,12 @@ from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
 from ...harness.types import Problem, StepControl
+from .export.protocol import Adapter
 from .export.stepped import Stepped
 from .export.tree import spanning_tree
 
 SOLVERS = ("Featherstone", "MuJoCo", "XPBD", "Kamino")
 MUJOCO = ("euler", "implicitfast", "rk4")
-LOOPS = 0.99  # impedance at the model check: in single precision stiffer loops diverge
 MANY = 100  # iterations at the model check
 
 
@@ -45,6 +47,7 @@ class Newton(Stepped):
     kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
     springs: ClassVar[bool] = False
     torsions: ClassVar[bool] = False
+    moving: ClassVar[bool] = True
     stretch: ClassVar[int] = 50
 
     @property
@@ -52,25 +55,14 @@ class Newton(Stepped):
         """Order of its steps, as long as single precision does not show."""
         return 4.0 if (self.solver, self.integrator, self.settings) == ("MuJoCo", "rk4", "ours") else 1.0
 
-    @property
-    def power(self) -> float:
-        """Velocities of XPBD are differences of positions that its iteration knows to ten roundings."""
-        return 0.15 if self.solver == "XPBD" else 1.0 / 3.0
-
-    @property
-    def allowed(self) -> float:
-        """Of the largest acceleration; MuJoCo's loops are soft, XPBD's accelerations are known to a quarter only."""
-        if self.solver == "XPBD":
-            return 0.25
-        return 10.0 * (1.0 - LOOPS) if self.solver == "MuJoCo" else super().allowed
-
-    @property
-    def parts(self) -> int:
-        return 20 if self.solver == "XPBD" else 1
+    def differing(self, problem: Problem, control: StepControl) -> str | None:
+        """By the accelerations of its steps, or of the model that it is given."""
+        of_steps = self.solver in ("Featherstone", "Kamino")
+        return super().differing(problem, control) if of_steps else Adapter.differing(self, problem, control)
 
     def stiffest(self) -> "Newton":
         """The same model without the damping of a default, its iterations many."""
-        return replace(self, settings="ours", iterations=MANY, max_iterations=MANY, alpha=0.0, impedance=LOOPS)
+        return replace(self, settings="ours", max_iterations=MANY, alpha=0.0)
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
         if self.solver == "Featherstone" and spanning_tree(problem.system, problem.initial).cuts:

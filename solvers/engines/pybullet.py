@@ -5,15 +5,13 @@ every joint has at first are off. With ``settings`` "default" the damping of 0.0
 100 rad/s of a joint, and the iterations are as PyBullet ships them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
-from ...harness.types import Problem, StepControl
 from .export.protocol import Adapter
-from .export.stepped import check_states
 
 
 @solver("pybullet")
@@ -32,10 +30,5 @@ class PyBullet(Adapter):
     springs: ClassVar[bool] = False
     torsions: ClassVar[bool] = False
     stretch: ClassVar[int] = 2_000
+    moving: ClassVar[bool] = True
     order: ClassVar[float] = 1.0
-
-    def differing(self, problem: Problem, control: StepControl) -> str | None:
-        """At the start and at random velocities, by accelerations: its mass matrix is not used."""
-        reasons = (super(PyBullet, self).differing(replace(problem, initial=state), control)
-                   for _, state in check_states(problem))  # fmt: skip
-        return next((reason for reason in reasons if reason is not None), None)

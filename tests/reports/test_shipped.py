@@ -1,12 +1,19 @@
 """As shipped and tuned: the best is the cheapest run within the target, else the most accurate one."""
 
 import math
+import sys
 
+import pytest
+
+from mbsbench.harness.results.environment import ROOT
 from mbsbench.reports import site
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.shipped import SHIPPED, TUNED, contests
 
 from .conftest import put, record
+
+sys.path.append(str(ROOT / "docs"))
+import list_engines
 
 
 def test_the_best_is_the_cheapest_within_the_target(tmp_path):
@@ -24,4 +31,28 @@ def test_the_best_is_the_cheapest_within_the_target(tmp_path):
     assert contest.reached([p.shipped for p in contest.pairs]) == (0, 2)
     assert contest.reached([p.best for p in contest.pairs]) == (1, 2)
     page = (site.build(tmp_path).parent / "engines.html").read_text()
+    assert [pair.tried for pair in contest.pairs if pair.who == "alpha"] == [2]
+    assert "0 to 2 settings of each, steps of 0.00625 to 0.05 s" in " ".join(page.split())
     assert "As shipped, 0 of 2 come within 0.001 m or rad; tuned, 1 of 2" in page
+
+
+def test_a_page_of_runs_as_shipped_alone_is_written(tmp_path):
+    """A suite that is still running has made those first."""
+    put(tmp_path, record("run", "alpha", label=SHIPPED, dt_s=0.1, position_error_max_m=0.1))
+    assert "nothing has been tuned yet" in (site.build(tmp_path).parent / "engines.html").read_text()
+
+
+def test_the_tables_of_the_page_on_engines_are_what_is_published():
+    """Made by docs/list_engines.py, which publishes nothing of a changed checkout."""
+    page = list_engines.PAGE.read_text(encoding="utf-8")
+    assert list_engines.TABLES.findall(page) == [list_engines.tables()]
+
+
+def test_nothing_is_published_of_a_changed_checkout(tmp_path, monkeypatch):
+    """Nor of runs made at two commits."""
+    monkeypatch.setattr(list_engines, "PUBLISHED", tmp_path / "contests.json")
+    for commit, label in (("a", SHIPPED), ("b", TUNED)):
+        put(tmp_path / "results", record(commit, "alpha", label=label, position_error_max_m=0.1, commit=commit))
+    with pytest.raises(SystemExit, match="is not of one commit without changes"):
+        list_engines.publish(tmp_path / "results")
+    assert not list_engines.PUBLISHED.exists()

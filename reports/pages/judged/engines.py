@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...model.results import Results
-from ...model.shipped import TARGET, Contest, contests
+from ...model.shipped import TARGET, Contest, contests, describe_budget
 from ...model.words import decade
 from ...plots.spec import Axis, Plot, Trace, end_of
 from ..base import Page, Site
@@ -21,6 +21,7 @@ def write(results: Results, site: Site) -> Page | None:
     title = f"As shipped, {shipped[0]} of {shipped[1]} come {within}; tuned, {tuned[0]} of {tuned[1]}"
     return site.write(
         Page("Engines", "engines.html", nav=True, order=31), "engines.html", plots=plots, title=title, target=TARGET,
+        budget=describe_budget(found),
         hidden=frozenset({"settings", "solver"}),
         contests=list(zip(found, plots, strict=True)),
     )  # fmt: skip

@@ -5,8 +5,19 @@ An engine has its own velocities u; (r_dot, Omega) = T u. With the joints of its
     mass matrix T^T M T,  forces at rest T^T f,  energies,  accelerations of bodies,  degrees of freedom 6 nb - rank A
 
 Each difference is relative to the largest entry. No engine starts on a model that differs by more than ``SAME``.
+
+In single precision accelerations say little: they carry the condition of the mass matrix. Their residual does not, for
+elimination is backward stable. With accelerations u_dot by the engine, no constraints acting, and ours M, f::
+
+    |M u_dot - f| <= k eps S,   S = sum over bodies of |T| (|force| + |M| |a| + |terms of spatial cross products|)
+
+S is the largest of a unit, m |Omega| |v|, m v^2 and |Omega| |J Omega| are sizes of the terms of w x* I w, and
+k = 6 (levels + 1) + nu counts roundings: three a product with a rotation, two of those a level and two for inertias and
+places, one for each velocity eliminated. The mass matrix and rows of loops differ by k eps of their
+largest entry.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +25,14 @@ import scipy.linalg as sl
 from jaxtyping import Float
 
 from ....harness.mechanics.dynamics import accelerations
-from ....harness.mechanics.jacobian import independent_rows
+from ....harness.mechanics.jacobian import constraint_jacobian, independent_rows
 from ....harness.mechanics.motion import applied_loads, kinetic_energy, potential_energy
-from ....harness.mechanics.state import States
+from ....harness.mechanics.state import State, States
 from ....harness.types import Problem
 
 SAME = 1e-10  # rounding of the sums on the way is 1e-13 with 55 bodies
+SINGLE = float(np.finfo(np.float32).eps)
+SEED = 20
 DEPENDENT = 1e-9  # singular values of constraint rows, of the largest
 
 
@@ -41,8 +54,7 @@ class EngineModel:
 def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     """By quantity, relative."""
     system, start, T = problem.system, problem.initial, model.T
-    one, blocks = States.one(start), [b for m, J in zip(system.mass, system.regular_inertia, strict=True)
-                                      for b in (m * np.eye(3), J)]  # fmt: skip
+    one = States.one(start)
     rates = accelerations(system, start)
     exact = np.concatenate((rates.v_dot, rates.Omega_dot), axis=1)
     theirs = model.bias + (T @ _rigid(model, exact)).reshape(-1, 6)
@@ -55,7 +67,7 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     freedom = 6 * system.nb - len(independent_rows(system, start))
     left = T.shape[1] - rank(model.constraints, float(np.max(np.abs(T), initial=0.0)))
     return {
-        "mass matrix": _apart(model.mass_matrix, T.T @ sl.block_diag(*blocks) @ T),
+        "mass matrix": _apart(model.mass_matrix, T.T @ mass_blocks(problem) @ T),
         "forces at rest": _apart(model.rest_forces, rest_forces, float(np.max(np.abs(load), initial=0.0))),
         "kinetic energy": abs(model.kinetic - kinetic) / (joules or 1.0),
         "potential energy": 0.0 if model.potential is None else abs(model.potential - potential) / (joules or 1.0),
@@ -65,14 +77,69 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     }
 
 
-def model_refusal(engine: str, problem: Problem, model: EngineModel, same: float = SAME) -> str | None:
-    """Why a race with this model would be one with another problem, or None; ``same`` is more in single precision."""
+def model_refusal(engine: str, problem: Problem, model: EngineModel) -> str | None:
+    """Why a race with this model would be one with another problem, or None."""
     found = differences(problem, model)
     worst = max(found, key=lambda k: found[k] if np.isfinite(found[k]) else np.inf)
-    if found[worst] <= same:
+    if found[worst] <= SAME:
         return None
-    words = f"its {worst} differs by {found[worst]:.3g} of the largest entry (allowed {same:g})"
+    words = f"its {worst} differs by {found[worst]:.3g} of the largest entry (allowed {SAME:g})"
     return f"the model made for {engine} is not that of {problem.name}: {words}"
+
+
+def force_refusal(
+    engine: str, problem: Problem, model: EngineModel, loops: Float[np.ndarray, "nl nu"], levels: int, eps: float
+) -> str | None:
+    """Why the model of an engine with numbers known to ``eps`` is not ours, or None; its forces are our M u_dot."""
+    k = 6 * (levels + 1) + model.T.shape[1]
+    found = {**force_differences(problem, model), "rows of loops": loop_difference(model.constraints, loops),
+             "mass matrix": _apart(model.mass_matrix, model.T.T @ mass_blocks(problem) @ model.T)}  # fmt: skip
+    worst = max(found, key=lambda name: found[name] if np.isfinite(found[name]) else np.inf)
+    if found[worst] <= k * eps:
+        return None
+    words = f"its {worst} differs by {found[worst]:.3g} of the largest (allowed {k * eps:.2g}, {k} roundings)"
+    return f"the model made for {engine} is not that of {problem.name}: {words}"
+
+
+def force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
+    """By quantity, relative to the sums of their terms."""
+    system, start, T, nb = problem.system, problem.initial, model.T, problem.system.nb
+    still = replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)
+    m, J = system.mass, system.regular_inertia
+    parts = np.linalg.norm(T.reshape(nb, 2, 3, -1), axis=2)  # (nb, 2, nu)
+    turns = np.any(T.reshape(nb, 2, 3, -1)[:, 1] != 0.0, axis=(0, 1))
+    out = {}
+    for name, state, forces in (("forces at rest", still, model.rest_forces), ("forces", start, model.forces)):
+        load, bias = applied_loads(system, States.one(state))[0], model.bias * (name == "forces")
+        momentum = np.einsum("bij,bj->bi", J, state.Omega)
+        load[:, 3:] -= np.cross(state.Omega, momentum)
+        lacking = load - np.concatenate((m[:, None] * bias[:, :3], np.einsum("bij,bj->bi", J, bias[:, 3:])), axis=1)
+        u_dot = np.linalg.lstsq(model.mass_matrix, forces, rcond=None)[0]
+        rates = _sizes(bias) + np.einsum("bkn,n->bk", parts, np.abs(u_dot))
+        v, spin = np.linalg.norm(state.v, axis=1), np.linalg.norm(state.Omega, axis=1)
+        crossed = np.stack((m * spin * v, m * v**2 + spin * np.linalg.norm(momentum, axis=1)), axis=1)
+        inertia = np.stack((m, np.linalg.norm(J, 2, axis=(1, 2))), axis=1)
+        size = np.einsum("bkn,bk->n", parts, _sizes(load) + inertia * rates + crossed)
+        size = np.where(turns, np.max(size[turns], initial=0.0), np.max(size[~turns], initial=0.0))
+        out[name] = float(np.max(np.abs(forces - T.T @ lacking.ravel()) / np.where(size > 0.0, size, 1.0), initial=0.0))
+    return out
+
+
+def loop_difference(theirs: Float[np.ndarray, "nl nu"], ours: Float[np.ndarray, "nl nu"]) -> float:
+    """Of rows of loops, either sign; infinite where there are others."""
+    if theirs.shape != ours.shape:
+        return np.inf
+    return min(_apart(theirs, ours), _apart(-theirs, ours))
+
+
+def mass_blocks(problem: Problem) -> Float[np.ndarray, "twists twists"]:
+    """blockdiag(m I, J), body by body."""
+    masses = zip(problem.system.mass, problem.system.regular_inertia, strict=True)
+    return np.array(sl.block_diag(*(b for m, J in masses for b in (m * np.eye(3), J))))
+
+
+def _sizes(wrenches: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, "nb 2"]:
+    return np.linalg.norm(wrenches.reshape(-1, 2, 3), axis=2)
 
 
 def rank(G: Float[np.ndarray, "nl nu"], largest: float = 0.0) -> int:
@@ -105,3 +172,17 @@ def _apart(a: np.ndarray, b: np.ndarray, size: float = 0.0) -> float:
 def _rates(one: States, accelerations: np.ndarray) -> float:
     """Largest acceleration of any kind, those of free bodies and spin squared included: others may cancel to zero."""
     return float(max(np.max(np.abs(accelerations), initial=0.0), np.max(one.Omega**2, initial=0.0)))
+
+
+def check_states(problem: Problem) -> Iterator[tuple[str, State]]:
+    """The start, and its pose with two random velocities that the joints allow."""
+    start, system = problem.initial, problem.system
+    yield "at the start", start
+    A = constraint_jacobian(system, start).toarray()
+    allowed = sl.null_space(A, rcond=DEPENDENT) if len(A) else np.eye(6 * system.nb)
+    random = np.random.default_rng(SEED)
+    speed = float(np.sqrt(np.mean(start.v**2) + np.mean(start.Omega**2))) or 1.0
+    for _ in range(2):
+        u = allowed @ random.normal(size=allowed.shape[1])
+        u = (speed / (float(np.sqrt(np.mean(u**2))) or 1.0) * u).reshape(-1, 6)
+        yield "at random velocities", replace(start, v=u[:, :3], Omega=u[:, 3:])

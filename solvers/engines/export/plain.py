@@ -8,18 +8,18 @@ import numpy as np
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.torsion import torsion
-from .tree import Kind, Tree
-
-PARALLEL = 1e-9  # of an axis and that of a hinge
+from .tree import PARALLEL, Kind, Tree
 
 
 def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
-    """Limbs (a ``torsion`` where a spring turns their hinge), cuts, springs; vectors in the frames of their bodies."""
+    """Limbs (with the ``torsion`` and ``drive`` of a hinge), cuts, springs, loads; vectors in the frames of bodies."""
     torsions = springs_of_hinges(system, start, tree)
+    drives = {drive.body: {"name": drive.name, "motion": drive.motion} for drive in tree.drives}
     limbs = [
         {**{f.name: getattr(limb, f.name) for f in fields(limb)}, "kind": limb.kind.name, "moves": limb.moves(),
          "mass": system.mass[limb.body], "inertia": system.regular_inertia[limb.body],
-         "torsion": torsions.get(limb.body), **{name: getattr(start, name)[limb.body] for name in MOTION}}
+         "torsion": torsions.get(limb.body), "drive": drives.get(limb.body),
+         **{name: getattr(start, name)[limb.body] for name in MOTION}}
         for limb in tree.limbs
     ]  # fmt: skip
     springs = [
@@ -28,7 +28,12 @@ def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
         for k in range(len(system.spring_k))
     ]  # fmt: skip
     cuts = [{f.name: getattr(cut, f.name) for f in fields(cut)} for cut in tree.cuts]
-    return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "springs": springs,
+    loads = [
+        {"body": system.load_i[k], "point": system.load_p[k], "force": system.load_force[k],
+         "torque": system.load_torque[k], "follows": bool(system.load_follows[k]), "factor": system.load_factor[k]}
+        for k in range(len(system.load_i))
+    ]  # fmt: skip
+    return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "springs": springs, "loads": loads,
             "start": tree.start, "start_velocity": tree.start_velocity}  # fmt: skip
 
 

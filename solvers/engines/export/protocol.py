@@ -20,7 +20,6 @@ from dataclasses import asdict, replace
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.linalg as sl
 from jaxtyping import Float
 
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
@@ -28,7 +27,7 @@ from ...formulations.recording import Clock, Clocked, StepFailure
 from ..inside.serve import step
 from .engine import beyond, missing
 from .march import STRETCH, PartialStretch, march
-from .model_check import SAME, EngineModel, model_refusal
+from .model_check import EngineModel, check_states, force_refusal, mass_blocks, model_refusal
 from .plain import plain
 from .process import environment_of, process_of, seconds_of_processes
 from .tree import KINDS, spanning_tree
@@ -47,7 +46,9 @@ class Adapter(Clocked):
     kinds: ClassVar[tuple[str, ...]] = tuple(KINDS)  # of joints that it takes
     springs: ClassVar[bool] = True
     torsions: ClassVar[bool] = True
-    same: ClassVar[float] = SAME  # of the model check
+    loads: ClassVar[str] = "none"  # or constant, or varying
+    eps: ClassVar[float] = 0.0  # of its numbers, where they are of single precision
+    moving: ClassVar[bool] = False  # whether the model check asks for random velocities, too
     stretch: ClassVar[int] = STRETCH
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
@@ -55,7 +56,7 @@ class Adapter(Clocked):
         absent = None if environment_of(self.inside) else missing(self.package, self.wheel, self.remedy)
         if (
             reason := absent
-            or beyond(problem.system, self.kinds, springs=self.springs, torsions=self.torsions)
+            or beyond(problem.system, self.kinds, springs=self.springs, torsions=self.torsions, loads=self.loads)
             or self._cannot(problem, control)
         ) is not None:
             return reason
@@ -77,7 +78,15 @@ class Adapter(Clocked):
 
     def differing(self, problem: Problem, control: StepControl) -> str | None:
         """How the engine's model differs from ours, or None."""
-        return model_refusal(self.name, problem, self.build(problem, control).at_start(), self.same)
+        for _, state in check_states(problem) if self.moving else [("", problem.initial)]:
+            posed = replace(problem, initial=state)
+            model = self.build(posed, control)
+            theirs, tree = model.at_start(), model.tree
+            found = (force_refusal(self.name, posed, theirs, tree.loop_jacobian(), tree.levels, self.eps) if self.eps
+                     else model_refusal(self.name, posed, theirs))  # fmt: skip
+            if found is not None:
+                return found
+        return None
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
         """Why the options do not go with the problem, or None."""
@@ -127,12 +136,11 @@ class Model:
         found = {name: np.array(a, dtype=float) if isinstance(a, list | np.ndarray) else a
                  for name, a in self._made.at_start().items()}  # fmt: skip
         found["constraints"] = found.get("constraints", self.tree.loop_jacobian()).reshape(-1, nu)
-        if "rates" in found:  # no mass matrix: accelerations by a step
-            T, system = self.tree.jacobian(), self.problem.system
-            blocks = (b for m, J in zip(system.mass, system.regular_inertia, strict=True) for b in (m * np.eye(3), J))
-            M, u = T.T @ sl.block_diag(*blocks) @ T, self.tree.start_velocity
-            found |= {"mass_matrix": M, "forces": M @ found.pop("rates"), "rest_forces": M @ found.pop("rest_rates"),
-                      "kinetic": 0.5 * float(u @ M @ u), "potential": None}  # fmt: skip
+        if "rates" in found:  # instead of forces
+            T, u = self.tree.jacobian(), self.tree.start_velocity
+            M = T.T @ mass_blocks(self.problem) @ T
+            found = {"mass_matrix": M, "kinetic": 0.5 * float(u @ M @ u), "potential": None, **found}
+            found |= {"forces": M @ found.pop("rates"), "rest_forces": M @ found.pop("rest_rates")}
         given: dict[str, Any] = {"T": self.tree.jacobian(), "bias": self.tree.bias(self.problem.initial), **found}
         return EngineModel(**given)
 

@@ -15,6 +15,8 @@ order in which they were reached::
 
     R_child = R_parent rot(first) R_0 rot(last),   r_child = r_parent + R_parent (s_parent + way) - R_child s_child
 
+A drive is no joint of its own: it makes the coordinate of a hinge or slide a function of time.
+
 A cut joint is points of two bodies that coincide: one for a spherical joint, and for a revolute joint a second one on
 the axis, left out where its rows depend on the others at the start.
 """
@@ -28,7 +30,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ....harness.mechanics import so3
-from ....harness.mechanics.joints import JointKind
+from ....harness.mechanics.joints import JointKind, MovingKind
 from ....harness.mechanics.motion import point_velocity
 from ....harness.mechanics.state import State, States
 from ....harness.mechanics.system import GROUND, MultibodySystem
@@ -67,6 +69,8 @@ class Kind(Enum):
         return self in (Kind.SLIDE, Kind.CYLINDER)
 
 
+DRIVES = (MovingKind.DRIVEN_ANGLE, MovingKind.DRIVEN_POSITION)
+PARALLEL = 1e-9  # of two axes
 CUTTABLE = (JointKind.SPHERICAL, JointKind.REVOLUTE)
 KINDS = {
     JointKind.SPHERICAL: Kind.BALL, JointKind.REVOLUTE: Kind.HINGE, JointKind.PRISMATIC: Kind.SLIDE,
@@ -109,13 +113,24 @@ class Coincidence:
 
 
 @dataclass(frozen=True)
+class Drive:
+    """The coordinate of the hinge or slide of ``body`` as a function of time, 0 at the start."""
+
+    name: str
+    body: int
+    u_at: int
+    motion: Float[np.ndarray, " 7"]  # numbers of a ``TimeFunction``
+
+
+@dataclass(frozen=True)
 class Tree:
-    """Limbs in the order of the coordinates, and the cut joints."""
+    """Limbs in the order of the coordinates, the cut joints, and the drives."""
 
     limbs: tuple[Limb, ...]
     cuts: tuple[Coincidence, ...]
     start: Float[np.ndarray, " nq"]
     start_velocity: Float[np.ndarray, " nu"]
+    drives: tuple[Drive, ...] = ()
 
     def states(self, q: Float[np.ndarray, "nt nq"], u: Float[np.ndarray, "nt nu"]) -> States:
         """Poses and velocities of all bodies."""
@@ -145,14 +160,23 @@ class Tree:
             v[:, b] -= _rotate(R[:, b], np.cross(Omega[:, b], limb.s_child))
         return States(r[:, :nb], R[:, :nb], v[:, :nb], Omega[:, :nb])
 
+    @property
+    def levels(self) -> int:
+        """Bodies on the longest way from the ground."""
+        depth = {GROUND: 0}
+        for limb in self.limbs:
+            depth[limb.body] = depth[limb.parent] + 1
+        return max(depth.values())
+
     def jacobian(self) -> Float[np.ndarray, "twists nu"]:
         """T of (r_dot, Omega) = T u at the start, by bodies: velocities are linear in u."""
         s = self._unit_motions()
         return np.concatenate((s.v, s.Omega), axis=-1).reshape(len(s), -1).T
 
     def loop_jacobian(self) -> Float[np.ndarray, "nl nu"]:
-        """Rate of the gaps of the cut joints = G u at the start."""
-        return _gap_rates(self._unit_motions(), self.cuts)
+        """Rates of the gaps of the cut joints, then of the driven coordinates = G u at the start."""
+        driven = np.eye(len(self.start_velocity))[[drive.u_at for drive in self.drives]]
+        return np.concatenate((_gap_rates(self._unit_motions(), self.cuts), driven))
 
     def bias(self, start: State) -> Float[np.ndarray, "nb 6"]:
         """(r_ddot, Omega_dot) at the start while u_dot = 0."""
@@ -198,7 +222,7 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     while pending:
         visit(pending.pop())
     used = {joint for _, joint in reached.values()}
-    cut = [k for k in range(system.nj) if k not in used]
+    cut = [k for k in range(system.nj) if k not in used and system.joint_kind(k) not in DRIVES]
     for k in cut:
         if system.joint_kind(k) not in CUTTABLE:
             raise ValueError(f"the {system.joint_kind(k)} joint {system.joint_names[k]} closes a loop that only "
@@ -209,7 +233,8 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
             limb, start
         )
     bare = Tree(tuple(limbs), (), q, u)
-    return Tree(bare.limbs, _coincidences(system, start, cut, bare._unit_motions()), q, u)
+    drives = tuple(_drive(system, bare, k) for k in range(system.nj) if system.joint_kind(k) in DRIVES)
+    return Tree(bare.limbs, _coincidences(system, start, cut, bare._unit_motions()), q, u, drives)
 
 
 def _breadth_first(system: MultibodySystem) -> tuple[dict[int, tuple[int, int]], dict[int, list[int]]]:
@@ -232,9 +257,10 @@ def _breadth_first(system: MultibodySystem) -> tuple[dict[int, tuple[int, int]],
         for parent in list(queue):
             follow(parent, whole, queue)
         while queue:
-            follow(queue.pop(0), list(range(len(ends))), queue)
+            follow(queue.pop(0), followed, queue)
 
-    whole = [k for k in range(system.nj) if system.joint_kind(k) not in CUTTABLE]
+    followed = [k for k in range(system.nj) if system.joint_kind(k) not in DRIVES]
+    whole = [k for k in followed if system.joint_kind(k) not in CUTTABLE]
     spread([GROUND])
     for b in range(system.nb):
         if b not in reached:
@@ -265,6 +291,24 @@ def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int,
     zero_last, zero_first = kind in (Kind.SLIDE, Kind.BALL, Kind.FIXED), not (kind.slides or kind is Kind.UNIVERSAL)
     axis, axis_parent = axis * (not zero_last), axis_parent * (not zero_first)
     return Limb(body, parent, kind, s_parent, s_child, axis, axis_parent, R_0, q_at, u_at)
+
+
+def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
+    """Of the hinge or slide beside which it is declared, or ValueError."""
+    i, j, name = int(system.joint_i[k]), int(system.joint_j[k]), system.joint_names[k]
+    turns = system.joint_kind(k) == MovingKind.DRIVEN_ANGLE
+    kind, n = Kind.HINGE if turns else Kind.SLIDE, system.joint_n[k]
+    axis_j = np.cross(n[0], n[1]) if turns else n[0]
+    for limb in tree.limbs:
+        if limb.kind is kind and {limb.body, limb.parent} == {i, j}:
+            ((_, in_child),) = limb.moves()
+            along = float(in_child @ (axis_j if limb.body == j else limb.R_0.T @ axis_j))
+            if abs(abs(along) - 1.0) < PARALLEL:
+                numbers = np.round(along) * (1.0 if limb.body == i else -1.0) * system.joint_motion[k]
+                numbers[0] = -numbers[4] * np.sin(system.joint_motion[k, 6])
+                numbers[5:] = system.joint_motion[k, 5:]
+                return Drive(name, limb.body, limb.u_at, numbers)
+    raise ValueError(f"the drive {name} is not along the axis of a {kind.value[0]} of the tree")
 
 
 def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:

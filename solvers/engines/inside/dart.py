@@ -10,6 +10,8 @@ from typing import Any
 import dartpy as dart
 import numpy as np
 
+from .turning import turned_back, value
+
 GROUND = -1
 OWN = 0.01  # DART's error reduction
 
@@ -47,7 +49,9 @@ class Model:
         loads = []
         for rates in (0.0 * u, u):
             self._place(rates)
+            self._push(0.0)
             skeleton.computeForwardDynamics()
+            skeleton.clearExternalForces()
             M = skeleton.getMassMatrix()
             loads.append(V.T @ M @ skeleton.getAccelerations())
         rows = [np.zeros((0, nu))]
@@ -69,6 +73,7 @@ class Model:
         step, skeleton = self._world.step, self._skeleton
         made = np.empty((steps, 2 * skeleton.getNumDofs()))
         for k in range(steps):
+            self._push(self._world.getTime())
             step()
             made[k] = np.concatenate((skeleton.getPositions(), skeleton.getVelocities()))
         return made
@@ -86,7 +91,7 @@ class Model:
             elif kind == "FREE":
                 q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 3 : i + 6], _quaternions(theirs[:, i : i + 3])
                 u[:, to : to + 3] = v[:, i + 3 : i + 6]
-                u[:, to + 3 : to + 6] = _turned_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
+                u[:, to + 3 : to + 6] = turned_back(q[:, at + 3 : at + 7], v[:, i : i + 3])
             else:
                 n = joint.getNumDofs()
                 q[:, at : at + n], u[:, to : to + n] = theirs[:, i : i + n], v[:, i : i + n]
@@ -114,6 +119,13 @@ class Model:
             joint.setTransformFromChildBodyNode(_isometry(np.eye(3), limb["s_child"]))
         body.setInertia(dart.dynamics.Inertia(limb["mass"], np.zeros(3), np.array(limb["inertia"])))
         self._bodies[b] = body
+
+    def _push(self, t: float) -> None:
+        """The loads at time t; a step clears them."""
+        for load in self._data["loads"]:
+            body, factor, follows = self._bodies[load["body"]], value(load["factor"], t), load["follows"]
+            body.addExtForce(factor * np.array(load["force"]), np.array(load["point"]), follows, True)
+            body.addExtTorque(factor * np.array(load["torque"]), follows)
 
     def _place(self, u: np.ndarray) -> None:
         """At the start with velocities u of the tree."""
@@ -147,9 +159,3 @@ def _quaternions(a: np.ndarray) -> np.ndarray:
     """(w, x, y, z) of the exponentials of rotation vectors."""
     angle = np.linalg.norm(a, axis=1, keepdims=True)
     return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)
-
-
-def _turned_back(q: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """R^T a of the rotations q."""
-    once = np.cross(-q[:, 1:], a)
-    return a + 2.0 * (q[:, :1] * once + np.cross(-q[:, 1:], once))

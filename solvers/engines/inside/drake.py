@@ -9,8 +9,14 @@ import importlib.metadata
 from typing import Any
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, DiscreteContactApproximation
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    DiscreteContactApproximation,
+    ExternallyAppliedSpatialForce,
+)
 from pydrake.multibody.tree import (
     BallRpyJoint,
     FixedOffsetFrame,
@@ -26,8 +32,10 @@ from pydrake.multibody.tree import (
     UniversalJoint,
 )
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import DiagramBuilder, EventStatus
+from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
+
+from .turning import arm_and_normal, matrices, value
 
 GROUND = -1
 APPROXIMATIONS = {"tamsi": "kTamsi", "sap": "kSap", "similar": "kSimilar", "lagged": "kLagged"}
@@ -55,7 +63,8 @@ class Model:
 
     def at_start(self) -> dict[str, Any]:
         """For the model check; V of v = V u is constant to first order."""
-        plant, context = self._plant, self._plant.CreateDefaultContext()
+        plant, root = self._plant, self._simulator.get_system().CreateDefaultContext()
+        context = plant.GetMyMutableContextFromRoot(root)
         q, u = np.array(self._data["start"]), np.array(self._data["start_velocity"])
         V = np.zeros((len(u), len(u)))
         for k, unit in enumerate(np.eye(len(u))):
@@ -129,6 +138,10 @@ class Model:
             plant.AddBallConstraint(*ends)
         plant.Finalize()
         self._log = LogVectorOutput(plant.get_state_output_port(), builder)
+        if data["loads"]:
+            loads = builder.AddSystem(Loads(data["loads"], self._bodies))
+            builder.Connect(plant.get_body_poses_output_port(), loads.get_input_port())
+            builder.Connect(loads.get_output_port(), plant.get_applied_spatial_force_input_port())
         self._simulator = Simulator(builder.Build())
         if not self._discrete:
             longest = dt or (0.1 if self._default else data["t_end"])
@@ -151,7 +164,8 @@ class Model:
             return
         moves, A = limb["moves"], np.eye(3)
         if kind == "BALL":
-            A = _ball_axes(limb, self._data["gravity"])
+            x, z = arm_and_normal(limb, self._data["gravity"])
+            A = np.stack((x, np.cross(z, x), z), axis=1)
         if kind == "UNIVERSAL":
             x, y = (np.array(axis) for _, axis in moves)
             A = np.stack((x, y, np.cross(x, y)), axis=1)
@@ -203,9 +217,13 @@ class Model:
         return EventStatus.ReachedTermination(self._plant, "") if done else EventStatus.Succeeded()
 
     def _forces(self, context: Any) -> np.ndarray:
-        """All but those of constraints: -(C v - gravity - springs)."""
+        """All but those of constraints: -(C v - gravity - springs - loads)."""
         plant, applied = self._plant, MultibodyForces(self._plant)
         plant.CalcForceElementsContribution(context, applied)
+        for load in plant.get_applied_spatial_force_input_port().Eval(context) if self._data["loads"] else []:
+            body = plant.get_body(load.body_index)
+            to_body = body.EvalPoseInWorld(context).rotation()
+            body.AddInForce(context, load.p_BoBq_B, load.F_Bq_W.Rotate(to_body.inverse()), body.body_frame(), applied)
         return -plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), applied)
 
     def _theirs(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -230,27 +248,38 @@ class Model:
             at, to, i, j = limb["q_at"], limb["u_at"], joint.position_start(), joint.velocity_start()
             if limb["kind"] == "FREE":
                 q[:, at : at + 3], q[:, at + 3 : at + 7] = theirs[:, i + 4 : i + 7], theirs[:, i : i + 4]
-                u[:, to : to + 3], turned = v[:, j + 3 : j + 6], _matrices(theirs[:, i : i + 4])
+                u[:, to : to + 3], turned = v[:, j + 3 : j + 6], matrices(theirs[:, i : i + 4])
                 u[:, to + 3 : to + 6] = np.einsum("tji,tj->ti", turned, v[:, j : j + 3])
             elif limb["kind"] == "BALL":
                 turned = _quaternions(theirs[:, i : i + 3])
                 q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ about.T
-                u[:, to : to + 3] = np.einsum("tji,tj->ti", _matrices(turned), v[:, j : j + 3]) @ about.T
+                u[:, to : to + 3] = np.einsum("tji,tj->ti", matrices(turned), v[:, j : j + 3]) @ about.T
             else:
                 n = joint.num_positions()
                 q[:, at:][:, about], u[:, to:][:, about] = theirs[:, i : i + n], v[:, j : j + n]
         return q, u
 
 
-def _ball_axes(limb: dict[str, Any], gravity: list[float]) -> np.ndarray:
-    """Columns x, y, z of the frame of a ball joint in the child."""
-    arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
-    x = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[0]
-    z = np.cross(x, down)
-    if np.linalg.norm(z) <= 1e-6 * (np.linalg.norm(down) or 1.0):
-        z = np.cross(x, np.eye(3)[np.argmin(np.abs(x))])
-    z /= np.linalg.norm(z)
-    return np.stack((x, np.cross(z, x), z), axis=1)
+class Loads(LeafSystem):
+    """Forces and torques on points of bodies, whose poses are its input."""
+
+    def __init__(self, loads: list[dict[str, Any]], bodies: dict[int, Any]) -> None:
+        super().__init__()
+        self._loads = [(load, bodies[load["body"]].index()) for load in loads]
+        self.DeclareAbstractInputPort("poses", AbstractValue.Make([RigidTransform()]))
+        blank = AbstractValue.Make([ExternallyAppliedSpatialForce()])
+        self.DeclareAbstractOutputPort("forces", lambda: blank, self._forces)
+
+    def _forces(self, context: Any, output: Any) -> None:
+        poses, forces = self.get_input_port().Eval(context), []
+        for load, index in self._loads:
+            force = ExternallyAppliedSpatialForce()
+            force.body_index, force.p_BoBq_B = index, np.array(load["point"])
+            R = poses[int(index)].rotation().matrix() if load["follows"] else np.eye(3)
+            factor = value(load["factor"], context.get_time())
+            force.F_Bq_W = SpatialForce(factor * (R @ load["torque"]), factor * (R @ load["force"]))
+            forces.append(force)
+        output.set_value(forces)
 
 
 def _quaternions(rpy: np.ndarray) -> np.ndarray:
@@ -258,11 +287,3 @@ def _quaternions(rpy: np.ndarray) -> np.ndarray:
     (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * rpy).T, np.sin(0.5 * rpy).T
     return np.stack((cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
                      cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy), axis=1)  # fmt: skip
-
-
-def _matrices(quaternions: np.ndarray) -> np.ndarray:
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]  # fmt: skip
-    return np.moveaxis(np.array(rows), -1, 0)

@@ -12,7 +12,11 @@ warnings.simplefilter("ignore")
 
 import newton  # noqa: E402
 
+from .turning import turned_back  # noqa: E402
+from .warped import dynamics  # noqa: E402
+
 GROUND = -1
+PROBE = 1e-6  # [s] of a step whose accelerations are read
 
 
 class Model:
@@ -44,6 +48,7 @@ class Model:
                 joints.append(builder.add_joint_revolute(axis=wp.vec3(*limb["axis"]), **ends))
         for root, tree in _trees(limbs, joints):
             builder.add_articulation(tree, label=f"tree {root}")
+        self._cuts = len(data["cuts"])
         for cut in data["cuts"]:
             builder.add_joint_ball(
                 parent=link[cut["j"]], child=link[cut["i"]], armature=0.0,
@@ -79,6 +84,18 @@ class Model:
             loops.eq_solimp.assign(np.broadcast_to([d, d, 1e-3, 0.5, 2.0], (*loops.eq_solimp.shape, 5)))
         return solver
 
+    def at_start(self) -> dict[str, Any]:
+        """For the model check: what the solver MuJoCo makes of the same model, whose velocities are the tree's."""
+        solver = newton.solvers.SolverMuJoCo(self._model, integrator="euler")
+        found = []
+        for share in (0.0, 1.0):
+            there, after = self._model.state(), self._model.state()
+            there.assign(self._now)
+            there.joint_qd.assign(share * self._now.joint_qd.numpy())
+            solver.step(there, after, None, None, PROBE)
+            found.append(dynamics(solver.mjw_model, solver.mjw_data, self._cuts))
+        return {"rest_rates": found[0]["rates"], **found[1]}
+
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """Poses and twists of all bodies after each of the next steps."""
         out = []
@@ -95,7 +112,7 @@ class Model:
         twist = np.array([u[self._order] for _, u in found], dtype=float)
         p = np.roll(pose[..., 3:], 1, axis=-1)
         p /= np.linalg.norm(p, axis=-1, keepdims=True)
-        out = np.concatenate((pose[..., :3], p, twist[..., :3], _turned_back(p, twist[..., 3:])), axis=-1)
+        out = np.concatenate((pose[..., :3], p, twist[..., :3], turned_back(p, twist[..., 3:])), axis=-1)
         return out.reshape(len(out), -1)
 
 
@@ -129,10 +146,3 @@ def _trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, li
 
 def _frame(r: Any, R: Any) -> wp.transform:
     return wp.transform(wp.vec3(*r), wp.quat_from_matrix(wp.mat33(*np.ravel(R))))
-
-
-def _turned_back(p: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """R^T a of quaternions (w, x, y, z)."""
-    w, axis = p[..., :1], -p[..., 1:]
-    once = np.cross(axis, a)
-    return a + 2.0 * (w * once + np.cross(axis, once))

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import opensim as osim
 
+from .turning import arm_and_normal, matrices
+
 PARTS = 10  # of the time: Simbody cannot be stopped between
 
 
@@ -23,6 +25,7 @@ class Model:
         model.setUseVisualizer(False)
         model.setGravity(osim.Vec3(*data["gravity"]))
         self._bodies: dict[int, Any] = {-1: model.getGround()}
+        self._driven: list[tuple[Any, dict[str, Any]]] = []
         self._joints: list[tuple[dict[str, Any], list[Any], np.ndarray]] = []
         for limb in data["limbs"]:
             self._add(limb)
@@ -38,6 +41,8 @@ class Model:
                 force = osim.PointToPointSpring(*ends, spring["stiffness"], spring["rest_length"])
             force.setName(f"spring_{k}")
             model.addForce(force)
+        for k, load in enumerate(data["loads"]):
+            self._load(k, load)
         for k, cut in enumerate(data["cuts"]):
             ends = [x for b in ("i", "j") for x in (self._bodies[cut[b]], osim.Vec3(*cut[f"s_{b}"]))]
             constraint = osim.PointConstraint(*ends)
@@ -72,9 +77,10 @@ class Model:
             multipliers = state.getMultipliers().to_numpy() if len(rows) else np.zeros(0)
             loads.append(mass @ state.getUDot().to_numpy() + rows.T @ multipliers)
         V = self._V
+        drives = [np.eye(len(u))[limb["u_at"] : limb["u_at"] + 1] for _, limb in self._driven]
         return {
             "mass_matrix": V.T @ mass @ V, "rest_forces": V.T @ loads[0], "forces": V.T @ loads[1],
-            "constraints": rows @ V, "kinetic": model.calcKineticEnergy(state),
+            "constraints": np.concatenate((rows @ V, *drives)), "kinetic": model.calcKineticEnergy(state),
             "potential": model.calcPotentialEnergy(state) if self._states_energy else None,
         }  # fmt: skip
 
@@ -83,6 +89,8 @@ class Model:
         options, t_end = self._data["options"], self._data["t_end"]
         part = min(PARTS, int(self._time / t_end * PARTS + 0.5) + 1)
         self._time = t_end * part / PARTS
+        for coordinate, _ in self._driven:
+            coordinate.setIsPrescribed(self._state, True)
         manager = osim.Manager(self._model)
         manager.setIntegratorMethod(getattr(osim.Manager, f"IntegratorMethod_{options['integrator']}"))
         if options["settings"] != "default":
@@ -118,7 +126,8 @@ class Model:
         end, coordinates, A = np.array(limb["s_child"]), [], np.eye(3)
         if kind in ("BALL", "FIXED", "FREE"):
             if kind == "BALL":
-                A = _ball_axes(limb, self._data["gravity"])
+                z, x = arm_and_normal(limb, self._data["gravity"])
+                A = np.stack((x, np.cross(z, x), z), axis=1)
             if kind == "FREE":
                 place, turned = np.array(limb["r"]), np.array(limb["R"])
             make = {"BALL": osim.BallJoint, "FIXED": osim.WeldJoint, "FREE": osim.FreeJoint}[kind]
@@ -139,6 +148,9 @@ class Model:
             coordinate, torsion = joint.upd_coordinates(0), limb["torsion"]
             coordinate.setName(f"{name}_coordinate_{k}")
             coordinates.append(coordinate)
+            if limb["drive"] is not None:
+                coordinate.setPrescribedFunction(_motion(**limb["drive"]))
+                self._driven.append((coordinate, limb))
             if torsion is not None:
                 force = osim.SpringGeneralizedForce(coordinate.getName())
                 force.setStiffness(torsion["stiffness"])
@@ -147,6 +159,17 @@ class Model:
                 self._model.addForce(force)
             inner, place, turned = outer, np.zeros(3), np.eye(3)
         self._joints.append((limb, coordinates, A))
+
+    def _load(self, k: int, load: dict[str, Any]) -> None:
+        """A force and a torque that follow functions of time."""
+        force = osim.PrescribedForce(f"load_{k}", self._bodies[load["body"]])
+        for name in ("force", "torque"):
+            parts = [_function(load["factor"], x) for x in load[name]]
+            getattr(force, f"set{name.capitalize()}Functions")(*parts)
+        force.setPointFunctions(*(osim.Constant(x) for x in load["point"]))
+        force.setForceIsInGlobalFrame(not load["follows"])
+        force.setPointIsInGlobalFrame(False)
+        self._model.addForce(force)
 
     def _index(self) -> None:
         """Where the coordinates are in Simbody's vectors, and V of u_theirs = V u at the start."""
@@ -191,7 +214,7 @@ class Model:
             at, to, kind = limb["q_at"], limb["u_at"], limb["kind"]
             if kind in ("BALL", "FREE"):
                 turned = _quaternions(theirs[:, q_at[:3]])
-                spin = np.einsum("tji,tj->ti", _matrices(turned), v[:, u_at[:3]]) @ A.T
+                spin = np.einsum("tji,tj->ti", matrices(turned), v[:, u_at[:3]]) @ A.T
             if kind == "BALL":
                 q[:, at], q[:, at + 1 : at + 4] = turned[:, 0], turned[:, 1:] @ A.T
                 u[:, to : to + 3] = spin
@@ -203,6 +226,23 @@ class Model:
             else:
                 q[:, at : at + len(q_at)], u[:, to : to + len(u_at)] = theirs[:, q_at], v[:, u_at]
         return q, u
+
+
+def _function(numbers: list[float], factor: float = 1.0) -> Any:
+    """An expression, which OpenSim evaluates and differentiates by itself."""
+    c_0, c_1, c_2, c_3, a, w, p = numbers
+    law = f"({c_0!r}+({c_1!r})*t+({c_2!r})*t^2+({c_3!r})*t^3+({a!r})*sin(({w!r})*t+({p!r})))"
+    return osim.ExpressionBasedFunction(f"({factor!r})*{law}", ["t"])
+
+
+def _motion(name: str, motion: list[float]) -> Any:
+    """A polynomial or a sine: the second derivative of OpenSim's expressions is their first (4.6)."""
+    *c, a, w, p = motion
+    if a == 0.0:
+        return osim.PolynomialFunction(osim.Vector.createFromMat(np.array(c[::-1])))
+    if any(c[1:]):
+        raise ValueError(f"the drive {name} is a polynomial and a sine, a sum that OpenSim cannot differentiate twice")
+    return osim.Sine(a, w, p, c[0])
 
 
 def _frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
@@ -222,17 +262,6 @@ def _axes_of(axis: np.ndarray, which: int) -> np.ndarray:
     return np.stack([columns[(k - which) % 3] for k in range(3)], axis=1)
 
 
-def _ball_axes(limb: dict[str, Any], gravity: list[float]) -> np.ndarray:
-    """Columns x, y, z of the frame of a ball joint in the child."""
-    arm, down = -np.array(limb["s_child"]), np.array(limb["R"]).T @ np.array(gravity)
-    z = arm / np.linalg.norm(arm) if np.any(arm) else np.eye(3)[2]
-    x = np.cross(z, down)
-    if np.linalg.norm(x) <= 1e-6 * (np.linalg.norm(down) or 1.0):
-        x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
-    return np.stack((x, np.cross(z, x), z), axis=1)
-
-
 def _quaternions(angles: np.ndarray) -> np.ndarray:
     """(w, x, y, z) of R_x R_y R_z."""
     half = 0.5 * angles
@@ -246,11 +275,3 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     (aw, ax, ay, az), (bw, bx, by, bz) = np.broadcast_to(a, b.shape).T, b.T
     vector = aw * np.stack((bx, by, bz)) + bw * np.stack((ax, ay, az)) + np.cross((ax, ay, az), (bx, by, bz), axis=0)
     return np.stack((aw * bw - ax * bx - ay * by - az * bz, *vector), axis=-1)
-
-
-def _matrices(quaternions: np.ndarray) -> np.ndarray:
-    w, x, y, z = quaternions.T
-    rows = [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]  # fmt: skip
-    return np.moveaxis(np.array(rows), -1, 0)

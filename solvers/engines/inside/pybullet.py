@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pybullet as bullet
 
+from .turning import matrices, quaternion
+
 GROUND = -1
 UNLIMITED = 1e12
 PROBE = 1e-3  # [s] of the step that measures forces: velocities after it are u + PROBE M^-1 f
@@ -31,7 +33,7 @@ class Model:
         ]
 
     def at_start(self) -> dict[str, Any]:
-        """For the model check, by a step without constraints; its mass matrix is not used."""
+        """For the model check: its mass matrix, and accelerations by a step without constraints."""
         return self._found
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
@@ -52,7 +54,29 @@ class Model:
             bullet.stepSimulation(self._server)
             after = self._get()[len(self._start) :]
             found.append((after - u) / PROBE)
-        return {"rest_rates": found[0], "rates": found[1]}
+        return {"mass_matrix": self._mass_matrix(found[0]), "rest_rates": found[0], "rates": found[1]}
+
+    def _mass_matrix(self, rest_rates: np.ndarray) -> np.ndarray:
+        """By unit forces; ``calculateMassMatrix`` (3.2.7) is wrong where one ball joint follows another."""
+        columns = []
+        for limb in self._data["limbs"]:
+            (body, link), server = self._at[limb["body"]], self._server
+            for k in range({"FREE": 6, "BALL": 3, "HINGE": 1}[limb["kind"]]):
+                self._set(self._start, 0.0 * self._velocity)
+                unit = np.eye(3)[k % 3]
+                if limb["kind"] == "HINGE":
+                    bullet.setJointMotorControl2(body, link, bullet.TORQUE_CONTROL, force=1.0, physicsClientId=server)
+                elif limb["kind"] == "BALL":
+                    bullet.setJointMotorControlMultiDof(body, link, bullet.TORQUE_CONTROL, physicsClientId=server,
+                                                        force=self._frame[limb["body"]].T @ unit)  # fmt: skip
+                elif k < 3:
+                    bullet.applyExternalForce(body, link, unit, limb["r"], bullet.WORLD_FRAME, physicsClientId=server)
+                else:
+                    bullet.applyExternalTorque(body, link, np.array(limb["R"]) @ unit, bullet.WORLD_FRAME,
+                                               physicsClientId=server)  # fmt: skip
+                bullet.stepSimulation(server)
+                columns.append(self._get()[len(self._start) :] / PROBE - rest_rates)
+        return np.linalg.inv(np.array(columns).T)
 
     def _build(self, *, cuts: bool, default: bool) -> None:
         if self._server >= 0:
@@ -130,7 +154,7 @@ class Model:
             body, link = self._at[limb["body"]]
             x, v = q[limb["q_at"] :], u[limb["u_at"] :]
             if limb["kind"] == "FREE":
-                R = _matrix(np.roll(x[3:7], -1))
+                R = matrices(x[None, 3:7])[0]
                 axes = _quaternion(R @ self._frame[limb["body"]])
                 bullet.resetBasePositionAndOrientation(body, x[:3], axes, physicsClientId=self._server)
                 bullet.resetBaseVelocity(body, v[:3], R @ v[3:6], physicsClientId=self._server)
@@ -149,8 +173,8 @@ class Model:
             if limb["kind"] == "FREE":
                 r, p = bullet.getBasePositionAndOrientation(body, physicsClientId=self._server)
                 v, w = bullet.getBaseVelocity(body, physicsClientId=self._server)
-                R = _matrix(p) @ self._frame[limb["body"]].T
-                row[a : a + 3], row[a + 3 : a + 7] = r, np.roll(_quaternion(R), 1)
+                R = matrices(np.roll(p, 1)[None])[0] @ self._frame[limb["body"]].T
+                row[a : a + 3], row[a + 3 : a + 7] = r, quaternion(R)
                 row[b : b + 3], row[b + 3 : b + 6] = v, R.T @ w
             elif limb["kind"] == "HINGE":
                 row[a], row[b] = bullet.getJointState(body, link, physicsClientId=self._server)[:2]
@@ -183,21 +207,6 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def _matrix(p: Any) -> np.ndarray:
-    """Rotation matrix of a quaternion (x, y, z, w)."""
-    x, y, z, w = p
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-
-
 def _quaternion(R: Any) -> np.ndarray:
-    """(x, y, z, w) as the eigenvector of Bar-Itzhack's matrix: no branch."""
-    R = np.array(R)
-    K = np.empty((4, 4))
-    K[:3, :3] = R + R.T - np.trace(R) * np.eye(3)
-    K[3, :3] = K[:3, 3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    K[3, 3] = np.trace(R)
-    return np.linalg.eigh(K)[1][:, 3]
+    """(x, y, z, w)."""
+    return np.roll(quaternion(R), -1)

@@ -5,12 +5,13 @@ FILE has a class ``Model(data)`` with ``notes``, ``at_start()`` and ``advance(st
 """
 
 import ctypes
+import importlib
 import json
 import os
 import resource
-import runpy
 import signal
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def main(path: str) -> None:
         answer: dict[str, Any]
         try:
             if asked["do"] == "build":
-                make = make or runpy.run_path(path)["Model"]
+                make = make or load_model(path)
                 model, models = make(asked["data"]), models + 1
                 answer = {"model": models, "notes": list(model.notes)}
             elif asked["model"] != models:
@@ -51,6 +52,13 @@ def main(path: str) -> None:
         answer |= {"stepping": stepping, "cpu": seconds()}
         answers.write(json.dumps(answer, default=lambda a: a.tolist()).encode() + b"\n" + rows)
         answers.flush()
+
+
+def load_model(path: str) -> Any:
+    """The class ``Model`` of a file, whose folder is a package: files beside it may be imported relatively."""
+    file = Path(path)
+    sys.path.append(str(file.parent.parent))  # last: files beside that folder have the names of packages
+    return importlib.import_module(f"{file.parent.name}.{file.stem}").Model
 
 
 def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:

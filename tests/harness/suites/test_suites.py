@@ -238,3 +238,28 @@ def test_the_frontier_has_every_problem_and_ladders_of_six_settings():
     assert min(ladders.values()) >= 6
     assert "dop853_joint" in {s.solver for s in found}
     assert max(s.cpu_limit for s in found) <= 8.0
+
+
+def test_every_contestant_has_the_same_tuning_budget():
+    """Eight settings of one scheme or four each of two, over the same span of steps or tolerances, for as much CPU."""
+    tuned: dict[tuple[str, str, str], list] = {}
+    shipped, taken = Counter(), {}
+    for s in load_suite("engine_defaults").specs:
+        who = s.problem, s.solver, str(s.options.get("solver", ""))
+        if s.label == "tuned":
+            tuned.setdefault(who, []).append(s)
+        else:
+            shipped[who] += 1
+        taken.setdefault(s.problem, set()).add((s.solver, str(sorted(s.options.items()))))
+    assert {len(specs) for specs in tuned.values()} == {8} and set(shipped.values()) == {1}
+    assert {s.cpu_limit for specs in tuned.values() for s in specs} == {10.0}
+    for specs in tuned.values():
+        schemes = Counter(str(s.options) for s in specs)
+        assert sorted(schemes.values()) in ([8], [4, 4])
+        values = [s.control.dt or s.control.rtol for s in specs]
+        assert (max(values), min(values)) == ((1e-2, 1e-4) if specs[0].control.dt else (1e-3, 1e-11))
+    assert {s for _, s, _ in tuned} >= {"rattle", "gc_composed", "rkmk_dop853", "dop853_joint"}
+    for pairs in taken.values():
+        engines = {solver for solver, _ in pairs if solver in registry.engines()}
+        assert len(engines - {"drake_adaptive"}) >= 9
+        assert sum(solver in engines for solver, _ in pairs) >= 25

@@ -1,8 +1,8 @@
 """Problems that try every part of an export: loops, both kinds of joints, floating bodies, springs, redundant rows."""
 
-from mbsbench import Joint, Problem, RigidBody, SpringDamper, assemble, make_problem
+from mbsbench import Joint, Problem, RigidBody, SpringDamper, TimeFunction, assemble, make_problem
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.mechanics.system import GROUND
+from mbsbench.harness.mechanics.system import GROUND, Load
 
 from ...harness.reference.mechanisms import problem, slider_crank, sprung
 from ..arbitrary_systems import consistent, linkage
@@ -47,6 +47,41 @@ def sliding() -> Problem:
     return problem("sliding", system, consistent(system, 3), 0.5)
 
 
-PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain, sliding)} | {
+def loaded(*, varying: bool) -> Problem:
+    """A chain of tilted bodies on a ball joint and a hinge, pushed off its centres in space and in a body, moving."""
+    factor = TimeFunction((0.3, 0.4, -0.2, 0.1), 0.2, 5.0, 0.7) if varying else TimeFunction((0.7,))
+    bodies = linkage(springs=False)
+    parts = [RigidBody(m, J) for m, J in zip(bodies.mass[:2], bodies.inertia[:2], strict=True)]
+    joints = [
+        Joint(0, (0.3, 0.1, 0.0), GROUND, (0.1, -0.2, 0.3)),
+        Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2), (1.0, 2.0, 3.0), (0.5, -1.0, 0.2)),
+    ]
+    loads = [
+        Load(0, (1.0, 2.0, -1.0), (0.3, 0.1, -0.2), (0.1, -0.2, 0.3), factor=factor),
+        Load(1, (0.5, -0.4, 0.3), (-0.2, 0.3, 0.5), (0.2, 0.1, 0.0), follows=True, factor=factor),
+        Load(1, torque=(0.2, 0.1, -0.4)),
+    ]
+    system = assemble(parts, joints, (1.1, -2.3, -9.5), loads=loads)
+    return problem("loaded", system, consistent(system, 3), 0.5)
+
+
+def driven() -> Problem:
+    """A driven slide, a hinge whose drive is declared in the other order of ends, and a ball joint, moving."""
+    a, b, c, pose = (1.0, 2.0, 3.0), (0.5, -1.0, 0.2), (0.0, 1.0, 1.0), linkage(springs=False)
+    parts = [RigidBody(m, J) for m, J in zip(pose.mass, pose.inertia, strict=True)]
+    way, turn = TimeFunction((0.1, 0.4, -0.2, 0.7)), TimeFunction((0.3,), 0.5, 4.0, -0.4)
+    joints = [
+        Joint(0, (0.3, 0.1, 0.0), GROUND, (0.1, -0.2, 0.3), a, b, kind="prismatic", across_i=c, across_j=a),
+        Joint(0, (0.3, 0.1, 0.0), GROUND, (0.1, -0.2, 0.3), axis_j=b, name="way", kind="driven position", motion=way),
+        Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2), a, c),
+        Joint(0, (-0.4, 0.1, 0.2), 1, (0.2, 0.0, -0.3), c, a, "turn", "driven angle", b, c, motion=turn),
+        Joint(2, (-0.3, 0.2, 0.0), 1, (0.1, 0.2, 0.3)),
+    ]
+    system = assemble(parts, joints, (1.1, -2.3, -9.5))
+    return problem("driven", system, consistent(system, 3), 0.2)
+
+
+PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain, sliding, driven)} | {
     "slider_crank": lambda: slider_crank(hinged=True), "sprung": lambda: sprung(0.7),
+    "loaded": lambda: loaded(varying=False), "loaded_in_time": lambda: loaded(varying=True),
 }  # fmt: skip

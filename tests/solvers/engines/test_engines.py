@@ -19,6 +19,15 @@ from .systems import PROBLEMS
 
 PACKAGES = {"mujoco": "mujoco", "exudyn": "exudyn", "pinocchio": "pin"}  # by solver, as pip calls them
 SPRINGLESS = {"pinocchio"}
+UNLIKE = {
+    "pinocchio": ("driven", "loaded", "loaded_in_time"),
+    "mujoco": ("driven", "loaded_in_time"),
+    "exudyn": ("driven",),
+}
+NAMED = {  # what a refusal names
+    "driven": "driven position (way), driven angle (turn)", "loaded": "a load (on body 1, on body 2)",
+    "loaded_in_time": "a load that varies (on body 1, on body 2)",
+}  # fmt: skip
 CONTROL = StepControl(dt=1e-3)
 
 
@@ -58,6 +67,10 @@ def without_springs(problem):
 def test_its_model_is_ours(engine, name):
     """Mass matrix, forces, energies, accelerations and freedom, to rounding."""
     problem = PROBLEMS[name]()
+    if name in UNLIKE[engine]:
+        said = make_solver(engine).refuses(problem, CONTROL)
+        assert said is not None and f"the system has {NAMED[name]}" in said
+        return
     if engine in SPRINGLESS and len(problem.system.spring_k):
         said = make_solver(engine).refuses(problem, CONTROL)
         assert said is not None and said.endswith("only; the system has springs")
@@ -122,11 +135,12 @@ def test_the_order_is_the_declared_one(name, options, problem, dt, halvings, ord
     assert orders(errors)[-1] == pytest.approx(order, abs=within)
 
 
-def test_springs_and_dampers_are_the_engines_own(engine):
-    """A floating body and a skew hinge, springs between them and to the ground, against another method."""
-    if engine in SPRINGLESS:
-        pytest.skip(f"{engine} has no springs")
-    problem = PROBLEMS["sprung"]()
+@pytest.mark.parametrize("name", ["sprung", "loaded", "loaded_in_time"])
+def test_springs_and_loads_are_the_engines_own(engine, name):
+    """Springs between bodies and to the ground; forces off the centres in space and in the body; by another method."""
+    if engine in SPRINGLESS or name in UNLIKE[engine]:
+        pytest.skip(f"{engine} has none")
+    problem = PROBLEMS[name]()
     exact = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states.r[-1]
     errors = [np.max(np.abs(make_solver(engine).solve(problem, StepControl(dt=dt)).states.r[-1] - exact))
               for dt in (2e-3, 1e-3)]  # fmt: skip
@@ -151,6 +165,24 @@ def test_stretches_join(engine, monkeypatch):
     parts = make_solver(engine).solve(problem, CONTROL)
     np.testing.assert_array_equal(parts.t, whole.t)
     np.testing.assert_allclose(parts.states.r, whole.states.r, atol=1e-5)  # restarts of an implicit method
+
+
+@needs("mujoco")
+@pytest.mark.parametrize("stretch", [20_000, 7])
+def test_a_warning_of_mujoco_ends_the_run_with_its_reason(stretch, monkeypatch):
+    """``rollout`` repeats its last state after a warning; ``mj_step`` says what came before the step that warned."""
+    module, march, p = module_of("mujoco"), module_of("mujoco").march, make_problem("heavy_top", {"t_end": 2.0})
+    solver, control = make_solver("mujoco", {"integrator": "Euler"}), StepControl(dt=0.02)
+    monkeypatch.setattr(module, "march", lambda *a, **k: march(*a, **{**k, "stretch": stretch}))
+    t = solver.solve(p, control)
+    assert t.status is Status.DIVERGED and "MuJoCo warned and stopped: Nan, Inf or huge value in QACC" in t.message
+    model, rows = module.Model(solver, p, control), []
+    while not any(w.number for w in model.data.warning):
+        rows.append(np.concatenate(([model.data.time], model.data.qpos, model.data.qvel)))
+        model.mj.mj_step(model.model, model.data)
+    exact = model.states(np.array(rows))
+    assert 10 < len(t.t) == len(rows) < 100 and t.t[-1] == pytest.approx(rows[-1][0])
+    np.testing.assert_array_equal(t.states.r, exact.r)
 
 
 @needs("exudyn")

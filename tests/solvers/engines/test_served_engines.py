@@ -38,8 +38,10 @@ class Served:
 
 
 SERVED = {
-    "drake": Served("pydrake", "drake", 1e-5, {"integrator": "sap"}, ("sliding",), "constraints to the world crash it"),
-    "dart": Served("dartpy", "dartpy", 1e-10, {}, ("closed_chain", "sliding", "sprung")),
+    "drake": Served(
+        "pydrake", "drake", 1e-5, {"integrator": "sap"}, ("sliding", "driven"), "constraints to the world crash it"
+    ),
+    "dart": Served("dartpy", "dartpy", 1e-10, {}, ("closed_chain", "sliding", "sprung", "driven")),
     "opensim": Served("opensim", "opensim", 1e-5, {}),
 }
 ADAPTIVE = {"drake_adaptive", "opensim"}
@@ -80,11 +82,10 @@ def test_its_model_is_ours(engine, name):
     problem, solver = PROBLEMS[name](), make_solver(engine, SERVED[engine].loops)
     if name in SERVED[engine].unlike:
         said = solver.refuses(problem, control(engine))
-        assert said is not None and SERVED[engine].refused in said
-        if engine == "dart":
-            if name == "sliding":
-                return
-            problem = without_springs(problem)
+        assert said is not None and (SERVED[engine].refused if name == "sliding" else "only; the system has") in said
+        if name == "driven" or (engine, name) == ("dart", "sliding"):
+            return
+        problem = problem if name == "sliding" else without_springs(problem)
     found = differences(problem, protocol.Model(solver, problem, control(engine)).at_start())
     assert max(found.values()) < 1e-10, found
 
@@ -129,16 +130,29 @@ def test_loops_stay_closed(engine):
     assert t.t[-1] == problem.t_end and t.counters["steps"] == len(t.t) - 1
 
 
+@needs("opensim")
+def test_a_drive_that_opensim_cannot_differentiate_is_refused():
+    """By name; each of its parts alone moves as the exact kinematics do."""
+    solver = make_solver("opensim")
+    said = solver.refuses(make_problem("driven_slider_crank"), control("opensim"))
+    assert said is not None and "the drive drive is a polynomial and a sine" in said
+    p = make_problem("driven_slider_crank", {"wobble": 0.0, "t_end": 0.2})
+    t = solver.solve(p, control("opensim"))
+    assert t.status is Status.SUCCESS, t.message
+    np.testing.assert_allclose(t.states.r, p.reference().states(t.t).r, atol=1e-8)
+    np.testing.assert_allclose(t.states.v, p.reference().states(t.t).v, atol=1e-6)
+
+
 SPATIAL = "spherical_pendulum", {"omega_x": 5.0, "omega_z": 3.0, "t_end": 0.5}  # on a ball, where theta' is not v
 
 
-@pytest.mark.parametrize("name", ["sprung", "sliding", "free_body", "slider_crank"])
+@pytest.mark.parametrize("name", ["sprung", "sliding", "loaded_in_time", "driven", "free_body", "slider_crank"])
 def test_poses_and_velocities_are_those_of_another_method(engine, name):
-    """Free bodies, springs, slides, universal joints: a quarter of the step leaves a quarter of the error."""
-    made = name in ("sprung", "sliding")
+    """Free bodies, springs, slides, loads, drives: a quarter of the step leaves a quarter of the error."""
+    made = name in PROBLEMS and name != "slider_crank"
     problem = PROBLEMS[name]() if made else make_problem(name, {"rotation": (0.3, -0.5, 0.7), "t_end": 0.3})
     if name in SERVED[engine].unlike:
-        if name == "sliding":
+        if name != "sprung":
             pytest.skip(f"{engine} does not take it")
         problem = without_springs(problem)
     problem = replace(problem, t_end=0.2)

@@ -1,0 +1,128 @@
+"""The tables of docs/engines.md, from results of the suite ``engine_defaults``.
+
+python docs/list_engines.py RESULTS        # writes results/published/engines/contests.json and the page
+python docs/list_engines.py                # writes the page from what is published
+"""
+
+import json
+import math
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from mbsbench.reports.model.results import Run, read_results
+from mbsbench.reports.model.shipped import TARGET, Contest, contests, describe_budget
+
+HERE = Path(__file__).resolve().parent
+PAGE, PUBLISHED = HERE / "engines.md", HERE.parent / "results" / "published" / "engines" / "contests.json"
+TABLES = re.compile(
+    r"(?<=<!-- made from results/published/engines/contests\.json by list_engines\.py -->\n).*(?=<!-- end -->)",
+    re.DOTALL,
+)
+
+
+def publish(folder: Path) -> None:
+    """Both runs of every pair, and where they were made."""
+    results = read_results(folder)
+    found = contests(results)
+    e = results.environment
+    commits = {run.record.commit for run in results.runs}
+    if e.get("dirty") or len(commits) != 1:
+        raise SystemExit(f"error: {folder} is not of one commit without changes: nothing is published")
+    text = {
+        "commit": e["commit"], "cpu": e.get("cpu"), "runs": len(results.runs), "budget": describe_budget(found),
+        "target": TARGET, "contests": [_of(contest) for contest in found],
+    }  # fmt: skip
+    PUBLISHED.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
+
+
+def _of(contest: Contest) -> dict[str, Any]:
+    pairs = {pair.who: {"shipped": _run(contest, pair.shipped), "best": _run(contest, pair.best)}
+             for pair in contest.pairs}  # fmt: skip
+    made = [run for run in contest.variant.runs if run.status != "refused"]
+    return {"problem": contest.variant.runs[0].record.problem, "unit": contest.measure.unit, "pairs": pairs,
+            "settings": sorted({f"{run.record.solver} {json.dumps(run.options)}" for run in made})}  # fmt: skip
+
+
+def _run(contest: Contest, run: Run | None) -> dict[str, Any] | None:
+    if run is None:
+        return None
+    numbers = {"error": contest.error(run), "energy_J": run.record.energy_drift_max_J, "gap": run.record.phi_max,
+               "cpu_s": run.record.cpu_median_s}  # fmt: skip
+    return {"settings": run.settings(), "status": run.status,
+            **{name: None if math.isnan(value) else value for name, value in numbers.items()}}  # fmt: skip
+
+
+def tables() -> str:
+    """How many reach the target; errors by contestant and problem; the cheapest code of each problem."""
+    if not PUBLISHED.exists():
+        return "No run of this code is published; `python docs/list_engines.py RESULTS` writes its tables here.\n"
+    found = json.loads(PUBLISHED.read_text(encoding="utf-8"))
+    every = found["contests"]
+    problems = [one["problem"] for one in every]
+    target = found["target"]
+    shipped, tuned = (_total(every, which, target) for which in ("shipped", "best"))
+    lines = [
+        f"Commit {found['commit'][:8]}, {found['runs']} runs, {found['budget']}. Within {target:g} m or rad over "
+        f"one second: **{shipped[0]} of {shipped[1]} as shipped, {tuned[0]} of {tuned[1]} tuned**.",
+        "", "Largest error [m, rad] as shipped, and of the best of the budget; CPU time of the latter.", "",
+        "| | " + " | ".join(problems) + " |", "|---" * (1 + len(problems)) + "|",
+    ]  # fmt: skip
+    names = sorted({who for one in every for who in one["pairs"]})
+    lines += [f"| `{who}` | " + " | ".join(_cell(one["pairs"].get(who)) for one in every) + " |" for who in names]
+    lines += ["", f"The cheapest runs within {target:g}:", ""]
+    lines += ["| problem | cheapest | next | cheapest engine |", "|---|---|---|---|"]
+    for one in every:
+        best = {who: pair["best"] for who, pair in one["pairs"].items() if _within(pair["best"], target)}
+        order = sorted((run["cpu_s"], who) for who, run in best.items())
+        engine = next((pair for pair in order if pair[1] not in OURS), None)
+        shown = [*order[:2], *[None] * (2 - len(order[:2])), engine]
+        lines.append(f"| {one['problem']} | " + " | ".join(_cost(pair) for pair in shown) + " |")
+    return "\n".join(lines) + "\n"
+
+
+OURS = ("rattle", "gc_composed", "rkmk_dop853", "dop853_joint")
+
+
+def _within(run: dict[str, Any] | None, target: float) -> bool:
+    return run is not None and run["error"] is not None and run["error"] <= target
+
+
+def _reached(contest: dict[str, Any], which: str, target: float) -> tuple[int, int]:
+    runs = [pair[which] for pair in contest["pairs"].values()]
+    made = [run for run in runs if run is not None and run["status"] != "refused"]
+    return sum(_within(run, target) for run in made), len(made)
+
+
+def _total(every: list[dict[str, Any]], which: str, target: float) -> tuple[int, int]:
+    reached, made = zip(*(_reached(one, which, target) for one in every), strict=True)
+    return sum(reached), sum(made)
+
+
+def _cell(pair: dict[str, Any] | None) -> str:
+    if pair is None or pair["best"]["status"] == "refused":
+        return "refused"
+    best = pair["best"]
+    cost = "" if best["error"] is None else f", {_time(best['cpu_s'])}"
+    return f"{_error(pair['shipped'])} → {_error(best)}{cost}"
+
+
+def _error(run: dict[str, Any] | None) -> str:
+    if run is None:
+        return "–"
+    return run["status"] if run["error"] is None else f"{run['error']:.0e}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def _cost(pair: tuple[float, str] | None) -> str:
+    return "–" if pair is None else f"`{pair[1]}` {_time(pair[0])}"
+
+
+def _time(seconds: float) -> str:
+    return f"{1e3 * seconds:.2g} ms" if seconds < 0.0995 else f"{seconds:.2g} s"
+
+
+if __name__ == "__main__":
+    if sys.argv[1:]:
+        publish(Path(sys.argv[1]))
+    PAGE.write_text(TABLES.sub(lambda _: tables(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
