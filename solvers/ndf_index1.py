@@ -33,6 +33,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
 from .formulations.ida import tolerances
+from .formulations.layout import Layout
 from .formulations.newton import Scheme, maximum, ndf_newton, root_mean_square
 from .formulations.recording import Clock, StepFailure, march
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
@@ -78,11 +79,12 @@ class NdfIndex1(BaumgarteOptions):
                 "difference_evaluations": form.difference_evaluations,
             }
 
-        lam = layout.lam
-        return march(problem, control, layout, clock, lambda: _step(ndf, lam), y, y[lam], count, notes)
+        return march(
+            problem, control, layout, clock, lambda: _step(ndf, layout), y, layout.all_rows(y[layout.lam]), count, notes
+        )
 
 
-def _step(ndf: DaeSolver, lam: slice) -> tuple[float, np.ndarray, np.ndarray]:
+def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
     try:
         message = ndf.step()
     except (RuntimeError, np.linalg.LinAlgError) as error:  # SuperLU's "Factor is exactly singular"
@@ -91,4 +93,4 @@ def _step(ndf: DaeSolver, lam: slice) -> tuple[float, np.ndarray, np.ndarray]:
         raise StepFailure(Status.DIVERGED, f"the linear system is not finite ({error})") from None
     if ndf.status == "failed":
         raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
-    return ndf.t, ndf.y, ndf.y[lam]
+    return ndf.t, ndf.y, layout.all_rows(ndf.y[layout.lam])

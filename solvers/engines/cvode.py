@@ -50,7 +50,7 @@ class Cvode(SymbolicOptions):
             work["evaluations"] += 1
             clock.check()
             found = form.rates(y, still, still, t)
-            return np.concatenate((found.p_dot, found.u_dot)), found.reaction.copy()
+            return np.concatenate((found.p_dot, found.u_dot)), form.all_rows(found.reaction)
 
         def rhs(t: float, y: np.ndarray, y_dot: np.ndarray) -> None:
             y_dot[:] = rates(t, y)[0]
@@ -65,12 +65,15 @@ class Cvode(SymbolicOptions):
             cvode.init_step(0.0, y)
 
             def advance() -> tuple[float, np.ndarray, np.ndarray]:
+                nonlocal form
                 step = cvode.step(problem.t_end, method="onestep", tstop=problem.t_end)
                 if step.status < 0:
                     status, words = FAILURES.get(step.status, (Status.CRASHED, step.message))
                     native = " ".join(said.getvalue().split())
                     raise StepFailure(status, f"CVODE: {words}" + (f" ({native})" if native else ""))
-                return step.t, step.y, rates(step.t, step.y)[1]
+                reaction = rates(step.t, step.y)[1]
+                form = form.renew(step.y)
+                return step.t, step.y, reaction
 
             notes = (*notes, made_by("scikit-sundae"))
             return march(problem, control, layout, clock, advance, y, reaction, lambda steps: work, notes)

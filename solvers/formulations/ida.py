@@ -59,14 +59,14 @@ def integrate(
                 status, words = FAILURES.get(flag, (Status.CRASHED, f"flag {flag}"))
                 raise StepFailure(status, f"IDA: {words}" + (f" ({ida.messages})" if ida.messages else ""))
             y = y.take(place)
-            return t, y, y[lam]
+            return t, y, layout.all_rows(y[lam])
 
         def count(steps: int) -> dict[str, int]:
             spent, jacobians = form.difference_evaluations, ida.jacobians
             counted = {"jacobians": jacobians, "factorisations": jacobians, "difference_evaluations": spent}
             return {"evaluations": ida.evaluations + spent, **counted}
 
-        return march(problem, control, layout, clock, advance, y, y[lam], count, notes)
+        return march(problem, control, layout, clock, advance, y, layout.all_rows(y[lam]), count, notes)
 
 
 def tolerances(rtol: float, n: int, out_of_test: Sequence[slice]) -> Float[np.ndarray, " n"]:

@@ -80,12 +80,12 @@ class Clocked(ABC):
             return no_trajectory(problem, failure.status, f"before the first step: {failure.message}")
 
 
-Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, " k"]]]  # one step: t, y, reaction
+Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, " nrows"]]]  # one step: t, y, reaction
 
 
 def march(
     problem: Problem, control: StepControl, layout: Layout, clock: Clock, advance: Advance, y: Float[np.ndarray, " n"],
-    reaction: Float[np.ndarray, " k"], counters: Callable[[int], Mapping[str, int]], notes: tuple[str, ...],
+    reaction: Float[np.ndarray, " nrows"], counters: Callable[[int], Mapping[str, int]], notes: tuple[str, ...],
 ) -> Trajectory:  # fmt: skip
     """The motion by ``advance``, from ``y`` and ``reaction`` at the start to the end or a failure.
 
@@ -126,7 +126,7 @@ def march(
         message += reasons
     return Trajectory(
         t=t_all, states=states, status=status, message=message, counters={"steps": nt - 1, **counters(nt - 1)},
-        reaction=layout.all_rows(np.array(reactions)), diagnostics={"chart_margin": margin}, notes=notes,
+        reaction=np.array(reactions), diagnostics={"chart_margin": margin}, notes=notes,
         cpu_time=cpu_time, setup_time=setup_time,
     )  # fmt: skip
 

@@ -9,6 +9,7 @@ that of plain index 1 without stabilisation. Here f_bar = c . f and C_bar = -c^T
 diagonal as in Eq. (35), in the coordinate-free velocities V.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -22,11 +23,15 @@ from .assembly import Assembly, Batch
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import add_products, set_to_zero
 from .layout import Layout
+from .rank import better_rows
 from .rows.expressions import force_numbers
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
 from .symbolic import ELEMENTS, free_spring_element, strong_row_element
 from .system_elements import body_batch, force_batches, pair_ends, rows_by_kind
+
+WORN = 0.5  # of a kept row's distance from those before it, at which the choice of rows is looked at again
+LARGEST = 100  # rows: beyond it singular values cost as much as hundreds of steps
 
 
 class StrongRates(NamedTuple):
@@ -35,7 +40,7 @@ class StrongRates(NamedTuple):
     p_dot: Float[np.ndarray, " n_p"]
     u_dot: Float[np.ndarray, " n_u"]
     lam_ddot: Float[np.ndarray, " k"]
-    reaction: Float[np.ndarray, " k"]
+    reaction: Float[np.ndarray, " k"]  # of the kept rows
 
 
 class RowTerms(NamedTuple):
@@ -64,6 +69,9 @@ class StrongForm:
         self, layout: Layout, alpha: float = 0.0, beta: float = 0.0, direction: str = "a", c_bar: float = 0.0,
         k_bar: float = 0.0,
     ) -> None:  # fmt: skip
+        self._layout, self._options = layout, (alpha, beta, direction, c_bar, k_bar)
+        self._chosen: np.ndarray | None = None
+        self._worn = 1.0  # the first choice is looked at, too
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
         self._direction, self._given = direction, (c_bar, k_bar)
         row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
@@ -107,10 +115,31 @@ class StrongForm:
         outer = self._lam, self._lam_dot, self._F
         self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
 
+    def renew(self, pu: Float[np.ndarray, " n"]) -> "StrongForm":
+        """Itself, or the form on other rows if a kept row has come near to the span of others since the choice.
+
+        Both have the same accelerations. Call it after ``rates``; without redundant rows there is no choice.
+        """
+        layout, distances = self._layout, self._saddle.distances
+        if layout.k in (0, layout.system.nrows) or layout.k > LARGEST:
+            return self
+        self._chosen = distances.copy() if self._chosen is None else self._chosen
+        left = float(np.min(distances / self._chosen))
+        if left > self._worn:
+            return self
+        self._worn = WORN * left
+        p, u = pu[layout.p].reshape(-1, layout.chart.size), pu[layout.u].reshape(-1, 6)
+        kept = better_rows(layout.system, layout.chart.states(p[None], u[None])[0], layout.kept)
+        return self if kept is layout.kept else StrongForm(replace(layout, kept=kept), *self._options)
+
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
         """Everything of Eq. (65) at (p, u)."""
         self._evaluate(pu, t)
         return RowTerms(*(part.copy() for part in self._at))
+
+    def all_rows(self, reaction: Float[np.ndarray, " k"]) -> Float[np.ndarray, " nrows"]:
+        """``reaction`` on all rows of phi, zero on the dropped ones."""
+        return self._layout.all_rows(reaction)
 
     def rates(
         self, pu: Float[np.ndarray, " n"], lam: Float[np.ndarray, " k"], lam_dot: Float[np.ndarray, " k"],

@@ -61,19 +61,22 @@ def integrate(
 
     y = np.concatenate((coordinates_and_velocities(layout, problem)[:n], np.zeros(2 * k)))
     rhs(0.0, y)
-    reaction = latest.copy()
+    reaction = form.all_rows(latest)
     assert control.rtol is not None  # the catalogue has seen to it
     atol = tolerances(control.rtol, len(y), () if lambda_in_test else (slice(n, None),))
     limits: dict[str, Any] = {"rtol": control.rtol, "atol": atol, "max_step": control.max_step or np.inf}
     ode = method(rhs, 0.0, y, problem.t_end, **limits)
 
     def advance() -> tuple[float, np.ndarray, np.ndarray]:
+        nonlocal form
         message = ode.step()
         if ode.status == "failed":
             raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
         if pair is None:
             rhs(ode.t, ode.y)
-        return ode.t, ode.y[:n], latest
+        reaction = form.all_rows(latest)
+        form = form.renew(ode.y[:n])
+        return ode.t, ode.y[:n], reaction
 
     def count(steps: int) -> dict[str, int]:
         if pair is not None:

@@ -10,8 +10,8 @@ from .entries import inner
 @inner
 def copy(source, target):
     """target := source, arrays of one shape."""
-    for at, value in np.ndenumerate(source):
-        target[at] = value
+    for a in range(source.size):
+        target.flat[a] = source.flat[a]
 
 
 @inner
