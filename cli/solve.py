@@ -32,9 +32,10 @@ def run(arguments: argparse.Namespace) -> int:
     wall = None if limit is None else positive_float(limit, "cpu_limit")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
-    out = writable_file(arguments.out or f"{name}-{arguments.solver}.npz")
-    if out.suffix != ".npz":
-        raise UsageError(f"--out must end in .npz, the one format that is written (got {str(out)!r})")
+    given_out = arguments.out or f"{name}-{arguments.solver}.npz"
+    if not given_out.endswith(".npz"):
+        raise UsageError(f"--out must end in .npz, the one format that is written (got {given_out!r})")
+    out = writable_file(given_out)
     from ..harness.execution import solve_file
 
     output = console()

@@ -8,12 +8,11 @@ import numpy as np
 
 from ..harness.ensemble.clouds import Cloud, Ensemble
 from ..harness.ensemble.verdict import Comparison
-from ..harness.files import write_text
 from ..harness.results import environment
 from .model.words import number
 from .plots.palette import looks
 from .plots.spec import Axis, Plot, Trace
-from .tried import draw_chart, render_file
+from .tried import draw_chart, write_file
 
 TRUE = "truth"
 SHARES = ((0.05, 0.95), (0.25, 0.75))  # quantiles of the bands, one over the other
@@ -49,8 +48,7 @@ def write_page(
     ]  # fmt: skip
     rows = sorted([*perfect, *(c for s in scored for c in s.rows)], key=lambda c: (c.t_s, c.quantity))
     stamp = f"Commit {environment.commit()[:12] or 'not recorded'}."
-    values = {"scored": scored, "rows": rows, "charts": charts, "number": number, "stamp": stamp}
-    write_text(path, render_file("ensemble.html", title=title, **values))
+    write_file(path, "ensemble.html", title=title, scored=scored, rows=rows, charts=charts, number=number, stamp=stamp)
 
 
 def _plots(e: Ensemble, true: Cloud, s: Scored, moving: Sequence[int]) -> Iterator[tuple[str, list[Plot]]]:

@@ -6,18 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ..harness.files import write_text
 from ..harness.ladder.ranking import TARGET, Row
 from .plots.palette import looks
 from .plots.spec import Axis, Plot, Trace
-from .tried import draw_chart, render_file
+from .tried import draw_chart, write_file
 
 
 def write_page(path: Path, rows: Sequence[Row]) -> None:
     """Write ``path``: the table of ``rows``, and error against CPU time."""
     chart = draw_chart("", [_plot(rows)], looks(r.solver for r in rows), columns=1)
-    page = render_file("ladder.html", rows=rows, target=TARGET, image=chart.image, seconds=show_seconds)
-    write_text(path, page)
+    write_file(path, "ladder.html", rows=rows, target=TARGET, image=chart.image, seconds=show_seconds)
 
 
 def _plot(rows: Sequence[Row]) -> Plot:

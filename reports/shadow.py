@@ -6,13 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..harness.files import write_text
 from ..harness.results import environment
 from ..harness.results.findings import Finding
 from ..harness.shadow.shadow import Shadow
 from .plots.palette import Look
 from .plots.spec import Axis, Plot, Trace
-from .tried import draw_chart, render_file
+from .tried import draw_chart, write_file
 
 COLOURS = ("#3D62C7", "#62AF96", "#E08906", "#BB3939", "#A499CF")  # of as many bodies
 PATHS = 3  # bodies whose paths are drawn: the first, the middle and the last
@@ -43,8 +42,8 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
     ]
     stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
     card = SimpleNamespace(facts=())
-    facts = {"summary": found[0].measured.text, "findings": found, "charts": charts, "card": card, "stamp": stamp}
-    write_text(path, render_file("tried.html", title=title, **facts))
+    write_file(path, "tried.html", title=title, summary=found[0].measured.text, findings=found, charts=charts,
+               card=card, stamp=stamp)  # fmt: skip
 
 
 def _spread(n: int, most: int) -> list[int]:

@@ -60,7 +60,12 @@ def write_page(path: Path, folder: Path, found: Tried) -> None:
     charts = list(_charts(results, found.orders))
     follow = [f for variant in results.variants for f in list_followed(variant)]
     card = card_of(found.solver, found.orders, (), follow, of_most_problems(frontiers(results)))
-    write_text(path, render_file("tried.html", **vars(found), card=card, charts=charts, stamp=stamp(results)))
+    write_file(path, "tried.html", **vars(found), card=card, charts=charts, stamp=stamp(results))
+
+
+def write_file(path: Path, template: str, **values: Any) -> None:
+    """Write a page that is one file."""
+    write_text(path, render_file(template, **values))
 
 
 def render_file(template: str, **values: Any) -> str:

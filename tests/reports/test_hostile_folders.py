@@ -216,7 +216,6 @@ ELSEWHERE = {
     "reports/pages/base.py": ("read_bytes", "our own assets"),
     "reports/plots/palette.py": ("glob", "our own catalogue"),
     "reports/site.py": ("iterdir", "our own assets"),
-    "reports/ladder.py": ("write_text", "the page that the user named"),
     "reports/tried.py": ("read_bytes write_text", "a temporary folder, and the page that the user named"),
 }
 
