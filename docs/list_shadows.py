@@ -1,0 +1,127 @@
+"""The table of docs/chaos.md: solvers and engines on the chain over 20 s, by error, shadow and ensemble.
+
+python docs/list_shadows.py measure SOLVER ...    # runs them, into results/published/chaos.json
+python docs/list_shadows.py cloud SOLVER ...      # scores their ensembles, into the same file
+python docs/list_shadows.py                       # writes the page from it
+"""
+
+import json
+import math
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.clock import cpu_seconds
+from mbsbench.harness.ensemble.clouds import Code, make_ensemble, run_cloud
+from mbsbench.harness.ensemble.sampling import state_at
+from mbsbench.harness.ensemble.verdict import ALL_C, compare_clouds
+from mbsbench.harness.execution.run_file import read_run
+from mbsbench.harness.execution.solve_file import solve_to_file
+from mbsbench.harness.results.words import why, words_of_ending
+from mbsbench.harness.shadow.long_motion import load_long_motion
+from mbsbench.harness.shadow.shadow import find_shadow
+from mbsbench.harness.suites.spec import make_spec, step_control
+from mbsbench.harness.types import Problem, StepControl, Trajectory
+
+HERE = Path(__file__).resolve().parent
+PAGE, DATA = HERE / "chaos.md", HERE.parent / "results" / "published" / "chaos.json"
+RUNS = HERE.parent / "results" / "local" / "chaos"  # kept: a motion is solved once
+TABLE = re.compile(r"(?<=<!-- made from chaos\.json by list_shadows\.py -->\n).*(?=<!-- end -->)", re.DOTALL)
+LIMIT = 100.0  # [s] of CPU, of a run
+EARLY, LATE = 5.0, 20.0  # [s] of errors
+STARTS, SPREAD, SEED, SCORED = 40, 1e-3, 1, (2.0, 20.0)
+TRUTH = "rkmk_dop853"
+
+
+def measure(problem: Problem, solver: str) -> dict[str, Any]:
+    """A row of the table."""
+    spec = make_spec(problem, solver)
+    RUNS.mkdir(parents=True, exist_ok=True)
+    path = RUNS / f"{solver}.npz"
+    if not path.exists():
+        solve_to_file(spec, path, LIMIT)
+    r, trajectory = read_run(path)
+    words = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
+    setting = next(f"{k}={v:g}" for k in ("dt", "rtol") if (v := getattr(spec.control, k)) is not None)
+    row = {
+        "solver": solver, "setting": setting, "status": r.status, "why": words,
+        "t_reached_s": r.t_reached_s, "cpu_s": r.cpu_min_s, "energy_drift_J": r.energy_drift_max_J,
+        "accurate_until_s": r.accurate_until_s, "accurate_until_1pct_s": r.accurate_until_1pct_s,
+    }  # fmt: skip
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | {
+        "error_m": measure_errors(problem, trajectory), "shadow": describe(problem, trajectory),
+    }  # fmt: skip
+
+
+def measure_errors(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
+    """[m] the largest of any C at two times."""
+    out = {}
+    reference, far = problem.reference(), load_long_motion(problem.name)
+    for t, true in ((EARLY, reference), (LATE, far)):
+        if true is not None and true.horizon >= t <= trajectory.t[-1] * (1.0 + 1e-9):
+            C = true.states(np.array([t])).r[0]
+            out[f"{t:g}"] = float(np.max(np.linalg.norm(state_at(trajectory.states, t).r - C, axis=1)))
+    return out
+
+
+def describe(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
+    """Its shadow, or why none can be sought."""
+    began = cpu_seconds()
+    try:
+        s = find_shadow(problem, trajectory)
+    except ValueError as error:
+        return {"none": str(error)}
+    C = s.distance
+    found = {"until_s": s.until, "glitch_s": s.glitch, "gap_m": s.gap, "cpu_s": cpu_seconds() - began}
+    if s.until > 0.0:
+        found |= {
+            "largest_m": float(np.max(C)), "rms_m": float(np.sqrt(np.mean(C**2))), "start_m": float(np.max(C[0])),
+            "start_m_s": float(np.max(np.linalg.norm(s.given.v[0] - s.true.v[0], axis=1))),
+            "energy_shift_J": s.energy_shift,
+        }  # fmt: skip
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in found.items()}
+
+
+def score(problem: Problem, solvers: list[str]) -> dict[str, Any]:
+    """By solver: excess and p of the energy score of all C and of the CRPS of the energy, at each time."""
+    e = make_ensemble(problem, SPREAD, SEED, SCORED)
+    true = registry.make_solver(TRUTH, {"code": "mechanism"})
+    code = Code(TRUTH, "", true, StepControl(rtol=1e-10))
+    same, other = (run_cloud(e, code, range(k * STARTS, (k + 1) * STARTS), 1) for k in range(2))
+    out = {}
+    for solver in solvers:
+        control = step_control(solver, registry.entry_of("solver", solver, registry.solvers()).control, problem, {})
+        cloud = run_cloud(e, Code(solver, "", registry.make_solver(solver), control), range(STARTS), 1)
+        rows = [c for c in compare_clouds(e, cloud, same, other) if c.quantity in (ALL_C, "energy")]
+        out[solver] = {
+            f"{c.quantity} {c.t_s:g}": {"excess": c.excess, "p": c.p_score, "bias": c.bias, "spread": c.spread,
+                                        "error": c.error, "missing": c.missing} for c in rows
+        }  # fmt: skip
+        keep("ensembles", out)
+    return out
+
+
+def keep(part: str, rows: dict[str, Any]) -> None:
+    """Add ``rows`` to a part of the data."""
+    plain = json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
+    plain[part] = dict(sorted((plain.get(part, {}) | rows).items()))
+    DATA.write_text(json.dumps(plain, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """One of the three."""
+    problem = registry.make_problem("chain", {})
+    if sys.argv[1:2] == ["measure"]:
+        for solver in sys.argv[2:]:
+            row = measure(problem, solver)
+            keep("runs", {solver: row})
+    elif sys.argv[1:2] == ["cloud"]:
+        score(problem, sys.argv[2:])
+
+
+if __name__ == "__main__":
+    main()

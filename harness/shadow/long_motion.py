@@ -1,0 +1,192 @@
+"""True motions far beyond the horizon of doubles: computed twice in multiple precision, stored at a few times.
+
+``python -m mbsbench.harness.shadow.long_motion chain 20`` makes or continues the file of a problem. Its error is the
+difference of two runs: other formulation, precision and order. A motion between stored times is marched anew.
+
+It is the motion of the exact numbers, which no double holds: on the chain a start rounded to doubles is a metre away
+after 7 s. Runs in double precision cannot be judged by it, but shadows and clouds can.
+"""
+
+import argparse
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import flint
+import numpy as np
+from jaxtyping import Float
+
+from ..files import write_text
+from ..mechanics.state import States
+from .rods import RECIPES, Recipe
+from .series import Flow, Precise
+
+STORED = Path(__file__).parent / "long"
+FIRST, SECOND = ("angles", 240, 84), ("directors", 272, 96)  # formulation, bits, order
+AGREED = 1e-6  # [m] a motion ends where the runs differ by more
+EVERY = Fraction(1, 2)  # [s]
+READ = "angles", 96, 34  # to march from a stored state
+
+
+@dataclass(frozen=True)
+class LongMotion:
+    """States at stored times, ``digits`` of q and u, and the largest difference of two runs up to each [m]."""
+
+    problem: str
+    t: tuple[Fraction, ...]
+    q: tuple[tuple[str, ...], ...]
+    u: tuple[tuple[str, ...], ...]
+    difference: tuple[float, ...]
+
+    @property
+    def horizon(self) -> float:
+        """[s]"""
+        return float(self.t[-1])
+
+    @cached_property
+    def recipe(self) -> Recipe:
+        """Its bodies."""
+        return RECIPES[self.problem]()
+
+    def state(self, k: int, bits: int) -> Precise:
+        """That at the k-th stored time."""
+        with flint.ctx.workprec(bits):
+            q, u = ([flint.arb(x) for x in row[k]] for row in (self.q, self.u))
+        return self.recipe.rods.state(q, u, scale(self.t[k], bits), bits)
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        """The motion at increasing times [s] up to the horizon, to 1e-12 m beside its error."""
+        if len(t) and not (t[0] >= 0.0 and t[-1] <= self.horizon and np.all(np.diff(t) > 0.0)):
+            raise ValueError(f"times must increase, from 0 to {self.horizon:g} s")
+        bits = READ[1]
+        parts = np.searchsorted([float(a) for a in self.t], t, "right") - 1
+        found: list[Precise] = []
+        for k in np.unique(parts):
+            wanted = [scale(Fraction(x), bits) for x in t[parts == k]]
+            begin = self.state(int(k), bits)
+            flow = Flow(self.recipe.rods.mechanism(), *READ)
+            found += [begin] * (wanted[0] == begin.t)
+            found += [p for p, asked in flow.march(begin, wanted[-1], wanted) if asked]
+        X, V = (np.array([getattr(p, name) for p in found], dtype=float) / 2.0**bits for name in ("X", "V"))
+        return self.recipe.bodies(X, V).timed(t)
+
+    def digest(self) -> str:
+        """Of what is stored."""
+        return hashlib.sha256(repr((self.problem, self.t, self.q, self.u, self.difference)).encode()).hexdigest()
+
+
+def load_long_motion(problem: str) -> LongMotion:
+    """The stored one; ValueError where its digest is wrong."""
+    stored = json.loads((STORED / f"{problem}.json").read_text())
+    rows = (tuple(tuple(r) for r in stored[name]) for name in ("q", "u"))
+    motion = LongMotion(problem, tuple(map(Fraction, stored["t"])), *rows, tuple(stored["difference"]))
+    if motion.digest() != stored["sha256"]:
+        raise ValueError(f"{problem}.json is damaged: its digest is not that of its states")
+    return motion
+
+
+def scale(a: Fraction, bits: int) -> int:
+    """In units of 2^-bits."""
+    return (a.numerator << bits) // a.denominator
+
+
+class Run:
+    """One of the two runs: its states at multiples of ``EVERY``; ``saved`` continues one."""
+
+    def __init__(self, recipe: Recipe, formulation: str, bits: int, order: int, saved: dict[str, Any] | None) -> None:
+        self.recipe, self.bits = recipe, bits
+        self.flow = Flow(recipe.rods.mechanism(), formulation, bits, order)
+        if saved is None:
+            with flint.ctx.workprec(bits + 32):
+                q, u = recipe.start()
+            self.now = recipe.rods.state(q, u, 0, bits)
+        else:
+            self.now, self.flow.unit = Precise(saved["t"], saved["X"], saved["V"]), saved["unit"]
+
+    def save(self) -> dict[str, Any]:
+        """All it takes to go on."""
+        return {"t": self.now.t, "X": self.now.X, "V": self.now.V, "unit": self.flow.unit}
+
+    def reach(self, t: Fraction) -> Iterator[Precise | None]:
+        """The state at ``t`` at last; None after each step before."""
+        at = scale(t, self.bits)
+        if self.now.t == at == 0:
+            yield self.now
+        for p, asked in self.flow.march(self.now, at, (at,)):
+            if asked:
+                reached = p
+            else:
+                self.now = p
+                yield None if p.t < at else reached
+
+
+def make(problem: str, t_end: Fraction, stored: Path, budget: float) -> None:
+    """Make or continue the file in ``stored`` up to ``t_end``, while CPU time [s] is left."""
+    recipe, work, path = RECIPES[problem](), stored / f"{problem}.work.json", stored / f"{problem}.json"
+    saved = (
+        json.loads(work.read_text()) if work.exists() else {"runs": [None, None], "t": [], "q": [], "u": [], "d": []}
+    )
+    runs = [Run(recipe, *of, own) for of, own in zip((FIRST, SECOND), saved["runs"], strict=True)]
+    while (t := EVERY * len(saved["t"])) <= t_end:
+        reached = []
+        for run in runs:
+            for p in run.reach(t):
+                if p is not None:
+                    reached.append(p)
+                if time.process_time() > budget:
+                    return
+        difference = max(measure_difference(*reached, *(run.bits for run in runs)), *saved["d"], 0.0)
+        if difference > AGREED:
+            sys.stdout.write(f"{problem}: the runs differ by {difference:.1e} m at {float(t):g} s\n")
+            return
+        q, u = recipe.rods.coordinates(reached[0], runs[0].bits)
+        digits = int(runs[0].bits * 0.30103)
+        saved["t"].append(str(t))
+        saved["d"].append(difference)
+        for name, row in (("q", q), ("u", u)):
+            saved[name].append([a.mid().str(digits, radius=False) for a in row])
+        saved["runs"] = [run.save() for run in runs]
+        _write(path, problem, saved)
+        write_text(work, json.dumps(saved))
+        print(
+            f"{problem}: {float(t):g} s, difference {difference:.1e} m, {time.process_time():.0f} s of CPU", flush=True
+        )
+
+
+def measure_difference(a: Precise, b: Precise, bits_a: int, bits_b: int) -> float:
+    """[m]: the largest of positions and, by a metre, of directions."""
+    shift = bits_b - bits_a
+    pairs = ((x, y) for X, Y in zip(a.X, b.X, strict=True) for x, y in zip(X, Y, strict=True))
+    return max(abs((x << shift) - y) for x, y in pairs) / 2.0**bits_b
+
+
+def _write(path: Path, problem: str, saved: dict[str, Any]) -> None:
+    rows = (tuple(tuple(r) for r in saved[name]) for name in ("q", "u"))
+    motion = LongMotion(problem, tuple(map(Fraction, saved["t"])), *rows, tuple(saved["d"]))
+    head = {"recipe": {"command": f"python -m mbsbench.harness.shadow.long_motion {problem} {motion.horizon:g}",
+                       "first": FIRST, "second": SECOND}}  # fmt: skip
+    body = {"sha256": motion.digest(), "t": saved["t"], "q": saved["q"], "u": saved["u"], "difference": saved["d"]}
+    write_text(path, json.dumps(head | body, indent=0) + "\n")
+
+
+def main() -> None:
+    """The command above."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("problem", choices=list(RECIPES))
+    parser.add_argument("t_end", type=Fraction, help="[s]")
+    parser.add_argument("--stored", type=Path, default=STORED, help="folder of the files")
+    parser.add_argument("--budget", type=float, default=3600.0, help="CPU time [s]")
+    arguments = parser.parse_args()
+    arguments.stored.mkdir(exist_ok=True)
+    make(arguments.problem, arguments.t_end, arguments.stored, arguments.budget)
+
+
+if __name__ == "__main__":
+    main()
