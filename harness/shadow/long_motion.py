@@ -85,11 +85,15 @@ class LongMotion:
 def load_long_motion(problem: str) -> LongMotion:
     """The stored one; ValueError where its digest is wrong."""
     stored = json.loads((STORED / f"{problem}.json").read_text())
-    rows = (tuple(tuple(r) for r in stored[name]) for name in ("q", "u"))
-    motion = LongMotion(problem, tuple(map(Fraction, stored["t"])), *rows, tuple(stored["difference"]))
+    motion = _collect(problem, stored)
     if motion.digest() != stored["sha256"]:
         raise ValueError(f"{problem}.json is damaged: its digest is not that of its states")
     return motion
+
+
+def _collect(problem: str, plain: dict[str, Any]) -> LongMotion:
+    q, u = (tuple(tuple(r) for r in plain[name]) for name in ("q", "u"))
+    return LongMotion(problem, tuple(map(Fraction, plain["t"])), q, u, tuple(plain["difference"]))
 
 
 def scale(a: Fraction, bits: int) -> int:
@@ -130,9 +134,8 @@ class Run:
 def make(problem: str, t_end: Fraction, stored: Path, budget: float) -> None:
     """Make or continue the file in ``stored`` up to ``t_end``, while CPU time [s] is left."""
     recipe, work, path = RECIPES[problem](), stored / f"{problem}.work.json", stored / f"{problem}.json"
-    saved = (
-        json.loads(work.read_text()) if work.exists() else {"runs": [None, None], "t": [], "q": [], "u": [], "d": []}
-    )
+    begun: dict[str, Any] = {"runs": [None, None], "t": [], "q": [], "u": [], "difference": []}
+    saved = json.loads(work.read_text()) if work.exists() else begun
     runs = [Run(recipe, *of, own) for of, own in zip((FIRST, SECOND), saved["runs"], strict=True)]
     while (t := EVERY * len(saved["t"])) <= t_end:
         reached = []
@@ -142,22 +145,21 @@ def make(problem: str, t_end: Fraction, stored: Path, budget: float) -> None:
                     reached.append(p)
                 if time.process_time() > budget:
                     return
-        difference = max(measure_difference(*reached, *(run.bits for run in runs)), *saved["d"], 0.0)
+        first, second = reached
+        difference = max(measure_difference(first, second, FIRST[1], SECOND[1]), *saved["difference"], 0.0)
         if difference > AGREED:
-            sys.stdout.write(f"{problem}: the runs differ by {difference:.1e} m at {float(t):g} s\n")
+            sys.stdout.write(f"the runs differ by {difference:.1e} m at {float(t):g} s\n")
             return
-        q, u = recipe.rods.coordinates(reached[0], runs[0].bits)
-        digits = int(runs[0].bits * 0.30103)
+        digits = int(FIRST[1] * 0.30103)
         saved["t"].append(str(t))
-        saved["d"].append(difference)
-        for name, row in (("q", q), ("u", u)):
+        saved["difference"].append(difference)
+        for name, row in zip(("q", "u"), recipe.rods.coordinates(first, FIRST[1]), strict=True):
             saved[name].append([a.mid().str(digits, radius=False) for a in row])
         saved["runs"] = [run.save() for run in runs]
-        _write(path, problem, saved)
+        _write(path, _collect(problem, saved))
         write_text(work, json.dumps(saved))
-        print(
-            f"{problem}: {float(t):g} s, difference {difference:.1e} m, {time.process_time():.0f} s of CPU", flush=True
-        )
+        sys.stdout.write(f"{float(t):g} s, difference {difference:.1e} m, {time.process_time():.0f} s of CPU\n")
+        sys.stdout.flush()
 
 
 def measure_difference(a: Precise, b: Precise, bits_a: int, bits_b: int) -> float:
@@ -167,12 +169,10 @@ def measure_difference(a: Precise, b: Precise, bits_a: int, bits_b: int) -> floa
     return max(abs((x << shift) - y) for x, y in pairs) / 2.0**bits_b
 
 
-def _write(path: Path, problem: str, saved: dict[str, Any]) -> None:
-    rows = (tuple(tuple(r) for r in saved[name]) for name in ("q", "u"))
-    motion = LongMotion(problem, tuple(map(Fraction, saved["t"])), *rows, tuple(saved["d"]))
-    head = {"recipe": {"command": f"python -m mbsbench.harness.shadow.long_motion {problem} {motion.horizon:g}",
-                       "first": FIRST, "second": SECOND}}  # fmt: skip
-    body = {"sha256": motion.digest(), "t": saved["t"], "q": saved["q"], "u": saved["u"], "difference": saved["d"]}
+def _write(path: Path, motion: LongMotion) -> None:
+    command = f"python -m mbsbench.harness.shadow.long_motion {motion.problem} {motion.horizon:g}"
+    head = {"recipe": {"command": command, "first": FIRST, "second": SECOND}, "sha256": motion.digest()}
+    body = {"t": [str(t) for t in motion.t], "q": motion.q, "u": motion.u, "difference": motion.difference}
     write_text(path, json.dumps(head | body, indent=0) + "\n")
 
 

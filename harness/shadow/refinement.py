@@ -18,7 +18,8 @@ PROJECTIONS = 4
 LEAST_DAMPING = 1 / 64
 MOST_ITERATIONS = 20
 NEAREST = 1e-3  # of the distance: a step that counts no more
-SETTLED = 1e-4  # of the distance: what a step must win at least
+SETTLED = 1e-3  # of the distance: what a step must win at least
+NEARLY = 1e-4  # of the distance: gaps left on the way to the nearest motion
 
 
 class Refinement:
@@ -88,7 +89,14 @@ class Refinement:
         return self.gap < CLOSED
 
     def approach(self) -> None:
-        """Move a closed motion to the nearest one, by conjugate directions, as far as that makes it nearer."""
+        """Move a closed motion to the nearest one, as far as that makes it nearer, and close that."""
+        before = self.y
+        self._approach()
+        if not self.close():
+            self._place(before)
+
+    def _approach(self) -> None:
+        """By conjugate directions."""
         damping, direction, last = 1.0, np.zeros_like(self.y), np.inf
         for _ in range(MOST_ITERATIONS):
             linear = self._linearise()
@@ -119,7 +127,7 @@ class Refinement:
         self._place(y)
         self.iterations += 1
         last = np.inf
-        while self.gap >= CLOSED:
+        while self.gap >= max(CLOSED, NEARLY * linear.size(self.frames.measure(self.y - self.given))):
             z = linear.least(-self.gaps)
             if not linear.size(z) < 0.5 * last:
                 return np.inf
