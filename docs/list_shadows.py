@@ -1,6 +1,6 @@
-"""The table of docs/chaos.md: solvers and engines on the chain over 20 s, by error, shadow and ensemble.
+"""The table in docs/judging.md: solvers and engines on the chain over 20 s, by error, shadow and ensemble.
 
-python docs/list_shadows.py measure SOLVER ...    # runs them, into results/published/chaos.json
+python docs/list_shadows.py measure SOLVER ...    # runs them, into results/published/chaos.json; shadows there are kept
 python docs/list_shadows.py cloud SOLVER ...      # scores their ensembles, into the same file
 python docs/list_shadows.py                       # writes the page from it
 """
@@ -23,22 +23,24 @@ from mbsbench.harness.execution.run_file import read_run
 from mbsbench.harness.execution.solve_file import solve_to_file
 from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.shadow.long_motion import load_long_motion
+from mbsbench.harness.shadow.modified_energy import find_modified_energy
 from mbsbench.harness.shadow.shadow import find_shadow
 from mbsbench.harness.suites.spec import make_spec, step_control
 from mbsbench.harness.types import Problem, StepControl, Trajectory
 
 HERE = Path(__file__).resolve().parent
-PAGE, DATA = HERE / "chaos.md", HERE.parent / "results" / "published" / "chaos.json"
+PAGE, DATA = HERE / "judging.md", HERE.parent / "results" / "published" / "chaos.json"
 RUNS = HERE.parent / "results" / "local" / "chaos"  # kept: a motion is solved once
 TABLE = re.compile(r"(?<=<!-- made from chaos\.json by list_shadows\.py -->\n).*(?=<!-- end -->)", re.DOTALL)
 LIMIT = 100.0  # [s] of CPU, of a run
 EARLY, LATE = 5.0, 20.0  # [s] of errors
 STARTS, SPREAD, SEED, SCORED = 40, 1e-3, 1, (2.0, 20.0)
 TRUTH = "rkmk_dop853"
+SURE = 0.01  # p
 
 
 def measure(problem: Problem, solver: str) -> dict[str, Any]:
-    """A row of the table."""
+    """A row of the data."""
     spec = make_spec(problem, solver)
     RUNS.mkdir(parents=True, exist_ok=True)
     path = RUNS / f"{solver}.npz"
@@ -55,6 +57,15 @@ def measure(problem: Problem, solver: str) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | {
         "error_m": measure_errors(problem, trajectory), "shadow": describe(problem, trajectory),
     }  # fmt: skip
+
+
+def measure_modified_energy(problem: Problem, trajectory: Trajectory) -> float | None:
+    """Its swing, of the scale; None where it is not defined."""
+    try:
+        found = find_modified_energy(problem, trajectory)
+    except ValueError:
+        return None
+    return found.swing / found.scale
 
 
 def measure_errors(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
@@ -105,11 +116,54 @@ def score(problem: Problem, solvers: list[str]) -> dict[str, Any]:
     return out
 
 
+def read() -> dict[str, dict[str, Any]]:
+    """The data."""
+    return json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
+
+
 def keep(part: str, rows: dict[str, Any]) -> None:
     """Add ``rows`` to a part of the data."""
-    plain = json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
+    plain = read()
     plain[part] = dict(sorted((plain.get(part, {}) | rows).items()))
     DATA.write_text(json.dumps(plain, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def table() -> str:
+    """A row a solver: those with a shadow over the whole time first, the nearest on top."""
+    data = read()
+    heads = ["solver", "status", "energy drift [J]", "accurate until [s]", "error at 5 s [m]", "at 20 s",
+             "shadow until [s]", "rms [mm]", "largest", "at the start", "gap [m]", "modified energy",
+             "excess of all C at 2 s [m]", "bias of energy at 20 s [J]"]  # fmt: skip
+    rows = [f"| {' | '.join(heads)} |", "|---|---|" + "--:|" * (len(heads) - 2)]
+    for r in sorted(data["runs"].values(), key=rank):
+        s, cloud = r["shadow"], data.get("ensembles", {}).get(r["solver"], {})
+        cells = [
+            f"`{r['solver']}` {r['setting']}", r["status"], number(r["energy_drift_J"]), number(r["accurate_until_s"]),
+            *(number(r["error_m"].get(f"{t:g}")) for t in (EARLY, LATE)), number(s.get("until_s")),
+            *(number(s.get(k), 1e3) for k in ("rms_m", "largest_m", "start_m")),
+            number(s.get("gap_m") if s.get("until_s") else None, digits=1), number(r["modified_energy"], digits=1),
+            *(signed(cloud.get(k), part) for k, part in ((f"{ALL_C} 2", "excess"), ("energy 20", "bias"))),
+        ]  # fmt: skip
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows) + "\n"
+
+
+def rank(row: dict[str, Any]) -> tuple[float, float]:
+    """By the time of the shadow, then by its distance."""
+    s = row["shadow"]
+    return -(s.get("until_s") or 0.0), s.get("rms_m") or math.inf
+
+
+def number(value: float | None, scale: float = 1.0, digits: int = 2) -> str:
+    """A dash where there is none."""
+    return "–" if value is None else f"{scale * value:.{digits}g}"
+
+
+def signed(score: dict[str, Any] | None, part: str) -> str:
+    """In bold where chance alone gives so much in one of 100 cases."""
+    if score is None or score[part] is None or math.isnan(score[part]):
+        return "–"
+    return f"**{score[part]:.2g}**" if score["p"] < SURE else f"{score[part]:.2g}"
 
 
 def main() -> None:
@@ -121,6 +175,8 @@ def main() -> None:
             keep("runs", {solver: row})
     elif sys.argv[1:2] == ["cloud"]:
         score(problem, sys.argv[2:])
+    else:
+        PAGE.write_text(TABLE.sub(lambda _: table(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,8 @@ CONTRACTS = 0.1  # tangents are kept while a correction is smaller than the one 
 PROJECTIONS = 4
 LEAST_DAMPING = 1 / 64
 MOST_ITERATIONS = 20
-NEAREST = 1e-3  # of the distance: a step that counts no more
+MOST_APPROACHES = 6  # a motion that is true and near bounds the distance of the nearest, at whatever step it ends
+NEAREST = 1e-1  # of the distance: a step whose square counts no more
 SETTLED = 1e-3  # of the distance: what a step must win at least
 NEARLY = 1e-4  # of the distance: gaps left on the way to the nearest motion
 
@@ -98,7 +99,7 @@ class Refinement:
     def _approach(self) -> None:
         """By conjugate directions."""
         damping, direction, last = 1.0, np.zeros_like(self.y), np.inf
-        for _ in range(MOST_ITERATIONS):
+        for _ in range(MOST_APPROACHES):
             linear = self._linearise()
             away = self.frames.measure(self.y - self.given)
             along = linear.least(linear.apply(away)) - away

@@ -16,6 +16,7 @@ from itertools import islice
 from operator import mul
 
 GUARD = 24  # bits below the truncation error of a step
+ORDER = 0.35  # a bit: about the cheapest, log(2) / 2, since work grows as its square and steps as 2^(-bits/order)
 LOOSE = 5, 4  # unit of time over the last step: the next may be longer by this
 FORMULATIONS = ("angles", "directors")
 X, Y, C, S = range(4)
@@ -43,12 +44,12 @@ class Precise:
 
 
 class Flow:
-    """The motion from a state by steps of one order; the truncation error of a step is about 2^(GUARD - bits)."""
+    """The motion from a state; the truncation error of a step is about 2^(GUARD - bits)."""
 
-    def __init__(self, mechanism: Mechanism, formulation: str, bits: int, order: int) -> None:
+    def __init__(self, mechanism: Mechanism, formulation: str, bits: int) -> None:
         if formulation not in FORMULATIONS:
             raise ValueError(f"formulation must be {' or '.join(FORMULATIONS)} (got {formulation})")
-        self.mechanism, self.bits, self.order = mechanism, bits, order
+        self.mechanism, self.bits, self.order = mechanism, bits, int(ORDER * bits)
         self._expand = self._by_angles if formulation == "angles" else self._by_directors
         self._rows = [[(b, k, self._fixed(a)) for b, r in row.items() for k, a in enumerate(r) if a]
                       for row in mechanism.rows]  # fmt: skip
