@@ -30,10 +30,7 @@ from .series import Flow, Precise
 
 STORED = Path(__file__).parent / "long"
 FIRST, SECOND = ("angles", 240), ("directors", 272)  # formulation, bits at the start
-LOST, FEWEST = (
-    7,
-    96,
-)  # bits: chaos takes the first a second, on the chain up to 7.6, so that later ones need not be carried
+FEWEST = 96  # bits that any state carries
 AGREED = 1e-6  # [m] a motion ends where the runs differ by more
 EVERY = Fraction(1, 2)  # [s]
 READ = "angles", FEWEST  # to march from a stored state
@@ -41,7 +38,7 @@ READ = "angles", FEWEST  # to march from a stored state
 
 @dataclass(frozen=True)
 class LongMotion:
-    """States at stored times, ``digits`` of q and u, and the largest difference of two runs up to each [m]."""
+    """q and u of the first run as decimals, and the largest difference of the two up to each time [m]."""
 
     problem: str
     t: tuple[Fraction, ...]
@@ -110,6 +107,7 @@ class Run:
 
     def __init__(self, recipe: Recipe, formulation: str, bits: int, saved: dict[str, Any] | None = None) -> None:
         self._mechanism, self._formulation, self._most = recipe.rods.mechanism(), formulation, bits
+        self._lost = recipe.lost
         self.flow = Flow(self._mechanism, formulation, bits)
         if saved is None:
             with flint.ctx.workprec(bits + 32):
@@ -125,7 +123,7 @@ class Run:
 
     def reach(self, t: Fraction) -> Iterator[Precise | None]:
         """The state at ``t`` at last; None after each step before."""
-        self._round(max(FEWEST, self._most - int(LOST * t)))
+        self._round(max(FEWEST, self._most - int(self._lost * t)))
         at = scale(t, self.flow.bits)
         if self.now.t == at == 0:
             yield self.now

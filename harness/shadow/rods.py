@@ -94,6 +94,7 @@ class Recipe:
     rods: Rods
     start: Callable[[], tuple[list[flint.arb], list[flint.arb]]]  # q, u to the precision of the context
     bodies: Callable[[Float[np.ndarray, "nt nb 4"], Float[np.ndarray, "nt nb 4"]], States]  # x, y, c, s; their rates
+    lost: int  # bits a second that chaos takes, about: so many fewer are carried as time goes on
 
 
 def _chain() -> Recipe:
@@ -108,13 +109,13 @@ def _chain() -> Recipe:
             a = (a - (1 + 2 * sum(cosines) - 3) / slope).mid()
         return [(lever * a).atan() for lever in (-2, -1, 0, 1, 2)] * 3, [flint.arb(0)] * 15
 
-    return Recipe(Rods((bar,) * 15, Fraction("9.81"), end=9 * bar.length), start, _bars)
+    return Recipe(Rods((bar,) * 15, Fraction("9.81"), end=9 * bar.length), start, _bars, 7)
 
 
 def _cart_pendulum() -> Recipe:
     bar = _bar(Fraction(1, 2), Fraction(1, 2))
     nothing = [flint.arb(0)] * 3
-    return Recipe(Rods((bar, bar), Fraction("9.81"), cart=ONE), lambda: (nothing, nothing), _bars)
+    return Recipe(Rods((bar, bar), Fraction("9.81"), cart=ONE), lambda: (nothing, nothing), _bars, 3)
 
 
 def _four_bar_grid() -> Recipe:
@@ -131,7 +132,7 @@ def _four_bar_grid() -> Recipe:
         rate = X[:, :, C] * V[:, :, S] - X[:, :, S] * V[:, :, C]
         return grid_states(np.arctan2(X[:, :, C], -X[:, :, S]), rate, 5, 1.0)
 
-    return Recipe(Rods((Rod(mass, ONE, centre, inertia),) * 5, Fraction("9.81")), start, bodies)
+    return Recipe(Rods((Rod(mass, ONE, centre, inertia),) * 5, Fraction("9.81")), start, bodies, 3)
 
 
 def _bars(X: np.ndarray, V: np.ndarray) -> States:
