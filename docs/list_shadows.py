@@ -55,8 +55,10 @@ def measure(problem: Problem, solver: str) -> dict[str, Any]:
         "accurate_until_s": r.accurate_until_s, "accurate_until_1pct_s": r.accurate_until_1pct_s,
     }  # fmt: skip
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | {
-        "error_m": measure_errors(problem, trajectory), "shadow": describe(problem, trajectory),
-    }  # fmt: skip
+        "error_m": measure_errors(problem, trajectory),
+        "modified_energy": measure_modified_energy(problem, trajectory),
+        "shadow": read().get("runs", {}).get(solver, {}).get("shadow") or describe(problem, trajectory),
+    }
 
 
 def measure_modified_energy(problem: Problem, trajectory: Trajectory) -> float | None:

@@ -7,7 +7,7 @@ from ...solvers.formulations.methods.tableaux import DOPRI853
 from .equations import Equations
 
 TOLERANCE = 1e-12  # of a step, relative to 1 + |y|
-COARSER = 6  # steps of the flow to one of its tangents: 1e-12 becomes about 1e-5
+COARSER = 10  # steps of the flow to one of its tangents: 1e-12 becomes about 1e-5
 MOST_STEPS = 512  # a segment
 TOGETHER = 2**13  # numbers of tangents at a time, of which a step has twelve
 
