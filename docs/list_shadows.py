@@ -162,9 +162,9 @@ def page() -> str:
     rms = sorted(1e3 * s["rms_m"] for s in shadows)
     lesson = (
         f"The chain over {LATE:g} s at the settings that `solve` takes by default. Of {len(rows)} codes {len(shadows)} "
-        f"have a true motion nearby over the whole time. Their errors at {LATE:g} s, {min(late):.2g} to {max(late):.2g} "
-        f"m, are those of strangers and rank nobody; the rms distances of their shadows, {rms[0]:.1g} to {rms[-1]:.2g} "
-        f"mm, span a factor of {rms[-1] / rms[0]:.0f}. "
+        f"have a true motion nearby over the whole time. Their errors at {LATE:g} s, {min(late):.2g} to "
+        f"{max(late):.2g} m, are those of strangers and rank nobody; the rms distances of their shadows, {rms[0]:.1g} "
+        f"to {rms[-1]:.2g} mm, span a factor of {rms[-1] / rms[0]:.0f}. "
     )
     if none:
         lesson += f"Lawful to the end, yet without a shadow found that far: {', '.join(none)}. "
