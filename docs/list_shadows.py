@@ -161,14 +161,15 @@ def page() -> str:
     late = [r["error_m"][f"{LATE:g}"] for r in rows if r["shadow"] in shadows]
     rms = sorted(1e3 * s["rms_m"] for s in shadows)
     lesson = (
-        f"The chain over {LATE:g} s at the settings that `solve` takes by default. Of {len(rows)} codes {len(shadows)} "
-        f"have a true motion nearby over the whole time. Their errors at {LATE:g} s, {min(late):.2g} to "
+        f"The chain over {LATE:g} s at the settings that `solve` takes by default. Of {len(rows)} codes measured "
+        f"{len(shadows)} have a true motion nearby over the whole time. Their errors at {LATE:g} s, {min(late):.2g} to "
         f"{max(late):.2g} m, are those of strangers and rank nobody; the rms distances of their shadows, {rms[0]:.1g} "
         f"to {rms[-1]:.2g} mm, span a factor of {rms[-1] / rms[0]:.0f}. "
     )
     if none:
         lesson += f"Lawful to the end, yet without a shadow found that far: {', '.join(none)}. "
-    lesson += f"Bold: chance alone gives as much in less than one of {1 / SURE:.0f} cases ({STARTS} starts)."
+    if data.get("ensembles"):
+        lesson += f"Bold: chance alone gives as much in less than one of {1 / SURE:.0f} cases ({STARTS} starts)."
     return f"{textwrap.fill(lesson, 138)}\n\n{table()}"
 
 
