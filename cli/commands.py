@@ -69,6 +69,9 @@ def _add_solve(commands: Any) -> None:
     p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
     add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
     p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz)")
+    p.add_argument(
+        "--shadow", action="store_true", help="also find the nearest true motion, as the command shadow does"
+    )
     add_plugin(p)
 
 

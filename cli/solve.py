@@ -13,7 +13,7 @@ from ..harness.results.words import accurate_until, error_words, why, words_of_e
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import make_spec
-from ..harness.types import Status
+from ..harness.types import Problem, Status
 from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
 from .commands import CONTROL
 from .terminal import console, error_console
@@ -50,16 +50,33 @@ def run(arguments: argparse.Namespace) -> int:
         error_console().print(f"interrupted; nothing was written to {out}")
         raise
     good = Status(outcome.record.status).lawful
+    nearest = find_nearest(problem, out) if arguments.shadow else None
     if arguments.json:
-        plain = {**as_plain(outcome.record), "out": str(out)}
+        plain = {**as_plain(outcome.record), **({} if nearest is None else {"nearest": nearest}), "out": str(out)}
         output.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
     for line in summarize(outcome.record):
         output.print(line)
     if outcome.native and not good:
         output.print(f"standard error     {outcome.native.splitlines()[-1]}")
+    if nearest:
+        output.print(f"true motion        {nearest['words']}")
+    elif outcome.record.status == Status.INACCURATE:
+        output.print(f"true motion        how near one is: mbsbench shadow {out}")
     output.print(f"written to         {out}")
     return 0 if good else 1
+
+
+def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:
+    """The nearest true motion to that in a file of ``solve``, in words and numbers."""
+    from ..harness.execution.run_file import read_run
+    from ..harness.shadow.findings import summarize_shadow
+    from ..harness.shadow.shadow import find_shadow
+
+    try:
+        return _jsonable(summarize_shadow(find_shadow(problem, read_run(path)[1])))
+    except ValueError as error:
+        return {"words": str(error)}
 
 
 def as_plain(r: RunRecord) -> dict[str, Any]:

@@ -38,6 +38,16 @@ def describe_shadow(s: Shadow) -> list[Finding]:
     ]
 
 
+def summarize_shadow(s: Shadow) -> dict[str, str | float]:
+    """A line, and its numbers."""
+    largest, rms = float(np.max(s.distance)), float(np.sqrt(np.mean(s.distance**2)))
+    numbers = {"until_s": s.until, "largest_m": largest, "rms_m": rms, "gap_m": s.gap, "glitch_s": s.glitch}
+    if not s.until > 0.0:
+        return {"words": f"none found near it: {describe_extent(s)}", **numbers}
+    over = f"over {s.until:.4g} s" + ("" if s.found else f" of {s.t_end:.4g} s; a glitch near {s.glitch:.4g} s")
+    return {"words": f"one within {1e3 * largest:.3g} mm, rms {1e3 * rms:.3g} mm, {over}", **numbers}
+
+
 def describe_extent(s: Shadow) -> str:
     """How long a shadow was found, and where the first glitch is."""
     where = f"{s.until:.6g} s{', in the plane' * s.in_plane}" if s.until > 0.0 else "no time"

@@ -7,14 +7,15 @@ from ...solvers.formulations.methods.tableaux import DOPRI853
 from .equations import Equations
 
 TOLERANCE = 1e-12  # of a step, relative to 1 + |y|
-COARSER = 4  # steps of the flow to one of its tangents: 1e-12 becomes about 1e-5
+ROUGH = 1e-9  # the same, on the way
+COARSER = 10  # steps of the flow to one of its tangents: 1e-12 becomes about 1e-5
 MOST_STEPS = 512  # a segment
 TOGETHER = 2**13  # numbers of tangents at a time, of which a step has twelve
 
 
 def flow(
     E: Equations, t: Float[np.ndarray, " n"], h: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"],
-    steps: Int[np.ndarray, " n"],
+    steps: Int[np.ndarray, " n"], tolerance: float = TOLERANCE,
 ) -> Float[np.ndarray, "n ny"]:  # fmt: skip
     """y at t + h; ``steps`` are doubled in place where they are too few. NaN where no number suffices."""
     out, left = np.full_like(y, np.nan), np.arange(len(y))
@@ -23,7 +24,7 @@ def flow(
         for n in np.unique(steps[left]):
             own = left[steps[left] == n]
             z, error = _march(E, t[own], h[own] / n, y[own], int(n))
-            bad = ~(error < TOLERANCE)
+            bad = ~(error < tolerance)
             out[own[~bad]] = z[~bad]
             again.append(own[bad])
         left = np.concatenate(again)

@@ -10,15 +10,17 @@ from jaxtyping import Float
 
 from .corrections import Continuity, Frames
 from .equations import Equations
-from .flow import flow, tangents
+from .flow import ROUGH, TOLERANCE, flow, tangents
 
 CLOSED = 1e-10  # [m] in the metric, of the largest gap
 CONTRACTS = 0.1  # tangents are kept while a correction is smaller than the one before by this factor
 PROJECTIONS = 4
 LEAST_DAMPING = 1 / 64
 MOST_ITERATIONS = 20
-NEAREST = 1e-3  # of the distance: a step that counts no more
-SETTLED = 1e-4  # of the distance: what a step must win at least
+MOST_APPROACHES = 6  # a motion that is true and near bounds the distance of the nearest, at whatever step it ends
+NEAREST = 1e-1  # of the distance: a step whose square counts no more
+SETTLED = 1e-3  # of the distance: what a step must win at least
+NEARLY = 1e-4  # of the distance: gaps left on the way to the nearest motion
 
 
 class Refinement:
@@ -34,16 +36,18 @@ class Refinement:
         self._h = np.diff(t)
         w = 0.5 * (np.append(self._h, 0.0) + np.insert(self._h, 0, 0.0))
         self._w = w / np.sum(w)
-        self._steps = np.ones(len(self._h), dtype=np.int64)
+        self._steps, self._rough = np.ones((2, len(self._h)), dtype=np.int64)
         self._place(given)
         self.frames = Frames.at(E, t, self.y, tau)
 
-    def _place(self, y: np.ndarray) -> None:
+    def _place(self, y: np.ndarray, rough: bool = False) -> None:
         """Take ``y``, on the loops, with the jumps of the true flow from node to node."""
         for _ in range(PROJECTIONS):
             y = self.E.project(self.t, y)
         self.y = y
-        ends = flow(self.E, self.t[:-1], self._h, y[:-1], self._steps)
+        ends = flow(
+            self.E, self.t[:-1], self._h, y[:-1], *((self._rough, ROUGH) if rough else (self._steps, TOLERANCE))
+        )
         self.jumps = ends - y[1:]
 
     def _linearise(self) -> Continuity:
@@ -88,9 +92,17 @@ class Refinement:
         return self.gap < CLOSED
 
     def approach(self) -> None:
-        """Move a closed motion to the nearest one, by conjugate directions, as far as that makes it nearer."""
+        """Move a closed motion to the nearest one, as far as that makes it nearer, and close that."""
+        before = self.y
+        self._approach()
+        self._place(self.y)
+        if not self.close():
+            self._place(before)
+
+    def _approach(self) -> None:
+        """By conjugate directions."""
         damping, direction, last = 1.0, np.zeros_like(self.y), np.inf
-        for _ in range(MOST_ITERATIONS):
+        for _ in range(MOST_APPROACHES):
             linear = self._linearise()
             away = self.frames.measure(self.y - self.given)
             along = linear.least(linear.apply(away)) - away
@@ -116,13 +128,13 @@ class Refinement:
 
     def _step(self, linear: Continuity, y: np.ndarray) -> float:
         """Take ``y``, its gaps closed by the tangents at hand; its distance, infinite where they stay open."""
-        self._place(y)
+        self._place(y, rough=True)
         self.iterations += 1
         last = np.inf
-        while self.gap >= CLOSED:
+        while self.gap >= max(CLOSED, NEARLY * linear.size(self.frames.measure(self.y - self.given))):
             z = linear.least(-self.gaps)
             if not linear.size(z) < 0.5 * last:
                 return np.inf
             last = linear.size(z)
-            self._place(self.y + self.frames.move(z))
+            self._place(self.y + self.frames.move(z), rough=True)
         return linear.size(self.frames.measure(self.y - self.given))

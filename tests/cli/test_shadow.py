@@ -52,3 +52,19 @@ def test_wrong_calls_are_one_line(tmp_path, capsys):
     file.write_text("t\n0\n")
     assert main(["shadow", str(file)]) == 2
     assert "--problem" in capsys.readouterr().err
+
+
+def test_solve_names_the_nearest_true_motion(tmp_path, monkeypatch, capsys):
+    """The distances of ``shadow``, where asked; where a motion is inaccurate, how to ask."""
+    monkeypatch.chdir(tmp_path)
+    words = ["solve", "chain", "rattle", "--problem-set", "links=6", "--t-end", "0.4", "--shadow"]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert main([*words, "--json"]) == 0
+    nearest = json.loads(capsys.readouterr().out)["nearest"]
+    assert f"true motion        {nearest['words']}" in printed
+    assert main(["shadow", "chain-rattle.npz", "--json"]) == 0
+    found = {f["quantity"]: f for f in map(json.loads, capsys.readouterr().out.splitlines())}
+    assert nearest["rms_m"] == pytest.approx(found["rms distance of C"]["value"], rel=1e-6)
+    assert 0.0 < nearest["largest_m"] < 1e-3 and nearest["glitch_s"] is None
+    assert main(["solve", "cart_pendulum", "mujoco", "--set", "dt=0.02", "--out", "far.npz"]) in (0, 1)

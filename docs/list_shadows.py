@@ -1,0 +1,208 @@
+"""The table in docs/judging.md: solvers and engines on the chain over 20 s, by error, shadow and ensemble.
+
+python docs/list_shadows.py measure SOLVER ...    # runs them, into results/published/chaos.json; shadows there are kept
+python docs/list_shadows.py cloud SOLVER ...      # scores their ensembles, into the same file
+python docs/list_shadows.py                       # writes the page from it
+"""
+
+import json
+import math
+import re
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.clock import cpu_seconds
+from mbsbench.harness.ensemble.clouds import Code, make_ensemble, run_cloud
+from mbsbench.harness.ensemble.sampling import state_at
+from mbsbench.harness.ensemble.verdict import ALL_C, compare_clouds
+from mbsbench.harness.execution.run_file import read_run
+from mbsbench.harness.execution.solve_file import solve_to_file
+from mbsbench.harness.results.words import why, words_of_ending
+from mbsbench.harness.shadow.long_motion import load_long_motion
+from mbsbench.harness.shadow.modified_energy import find_modified_energy
+from mbsbench.harness.shadow.shadow import find_shadow
+from mbsbench.harness.suites.spec import make_spec, step_control
+from mbsbench.harness.types import Problem, StepControl, Trajectory
+
+HERE = Path(__file__).resolve().parent
+PAGE, DATA = HERE / "judging.md", HERE.parent / "results" / "published" / "chaos.json"
+RUNS = HERE.parent / "results" / "local" / "chaos"  # kept: a motion is solved once
+TABLE = re.compile(r"(?<=<!-- made from chaos\.json by list_shadows\.py -->\n).*(?=<!-- end -->)", re.DOTALL)
+LIMIT = 100.0  # [s] of CPU, of a run
+EARLY, LATE = 5.0, 20.0  # [s] of errors
+STARTS, SPREAD, SEED, SCORED = 40, 1e-3, 1, (2.0, 20.0)
+TRUTH = "rkmk_dop853"
+SURE = 0.01  # p
+SOUND = ("success", "inaccurate")
+
+
+def measure(problem: Problem, solver: str) -> dict[str, Any]:
+    """A row of the data."""
+    spec = make_spec(problem, solver)
+    RUNS.mkdir(parents=True, exist_ok=True)
+    path = RUNS / f"{solver}.npz"
+    if not path.exists():
+        solve_to_file(spec, path, LIMIT)
+    r, trajectory = read_run(path)
+    words = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
+    setting = next(f"{k}={v:g}" for k in ("dt", "rtol") if (v := getattr(spec.control, k)) is not None)
+    row = {
+        "solver": solver, "setting": setting, "status": r.status, "why": words,
+        "t_reached_s": r.t_reached_s, "cpu_s": r.cpu_min_s, "energy_drift_J": r.energy_drift_max_J,
+        "accurate_until_s": r.accurate_until_s, "accurate_until_1pct_s": r.accurate_until_1pct_s,
+    }  # fmt: skip
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | {
+        "error_m": measure_errors(problem, trajectory),
+        "modified_energy": measure_modified_energy(problem, trajectory),
+        "shadow": read().get("runs", {}).get(solver, {}).get("shadow") or describe(problem, trajectory),
+    }
+
+
+def measure_modified_energy(problem: Problem, trajectory: Trajectory) -> float | None:
+    """Its swing, of the scale; None where it is not defined."""
+    try:
+        found = find_modified_energy(problem, trajectory)
+    except ValueError:
+        return None
+    return found.swing / found.scale
+
+
+def measure_errors(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
+    """[m] the largest of any C at two times."""
+    out = {}
+    reference, far = problem.reference(), load_long_motion(problem.name)
+    for t, true in ((EARLY, reference), (LATE, far)):
+        if true is not None and true.horizon >= t <= trajectory.t[-1] * (1.0 + 1e-9):
+            C = true.states(np.array([t])).r[0]
+            out[f"{t:g}"] = float(np.max(np.linalg.norm(state_at(trajectory.states, t).r - C, axis=1)))
+    return out
+
+
+def describe(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
+    """Its shadow, or why none can be sought."""
+    began = cpu_seconds()
+    try:
+        s = find_shadow(problem, trajectory)
+    except ValueError as error:
+        return {"none": str(error)}
+    C = s.distance
+    found = {"until_s": s.until, "glitch_s": s.glitch, "gap_m": s.gap, "cpu_s": cpu_seconds() - began}
+    if s.until > 0.0:
+        found |= {
+            "largest_m": float(np.max(C)), "rms_m": float(np.sqrt(np.mean(C**2))), "start_m": float(np.max(C[0])),
+            "start_m_s": float(np.max(np.linalg.norm(s.given.v[0] - s.true.v[0], axis=1))),
+            "energy_shift_J": s.energy_shift,
+        }  # fmt: skip
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in found.items()}
+
+
+def score(problem: Problem, solvers: list[str]) -> dict[str, Any]:
+    """By solver: excess and p of the energy score of all C and of the CRPS of the energy, at each time."""
+    e = make_ensemble(problem, SPREAD, SEED, SCORED)
+    true = registry.make_solver(TRUTH, {"code": "mechanism"})
+    code = Code(TRUTH, "", true, StepControl(rtol=1e-10))
+    same, other = (run_cloud(e, code, range(k * STARTS, (k + 1) * STARTS), 1) for k in range(2))
+    out = {}
+    for solver in solvers:
+        control = step_control(solver, registry.entry_of("solver", solver, registry.solvers()).control, problem, {})
+        cloud = run_cloud(e, Code(solver, "", registry.make_solver(solver), control), range(STARTS), 1)
+        rows = [c for c in compare_clouds(e, cloud, same, other) if c.quantity in (ALL_C, "energy")]
+        out[solver] = {
+            f"{c.quantity} {c.t_s:g}": {"excess": c.excess, "p": c.p_score, "bias": c.bias, "spread": c.spread,
+                                        "error": c.error, "missing": c.missing} for c in rows
+        }  # fmt: skip
+        keep("ensembles", out)
+    return out
+
+
+def read() -> dict[str, dict[str, Any]]:
+    """The data."""
+    return json.loads(DATA.read_text(encoding="utf-8")) if DATA.exists() else {}
+
+
+def keep(part: str, rows: dict[str, Any]) -> None:
+    """Add ``rows`` to a part of the data."""
+    plain = read()
+    plain[part] = dict(sorted((plain.get(part, {}) | rows).items()))
+    DATA.write_text(json.dumps(plain, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def table() -> str:
+    """A row a solver: those with a shadow over the whole time first, the nearest on top."""
+    data = read()
+    heads = ["solver", "status", "energy drift [J]", "accurate until [s]", "error at 5 s [m]", "at 20 s",
+             "shadow until [s]", "rms [mm]", "largest", "at the start", "gap [m]", "modified energy",
+             "excess of all C at 2 s [m]", "bias of energy at 20 s [J]"]  # fmt: skip
+    rows = [f"| {' | '.join(heads)} |", "|---|---|" + "--:|" * (len(heads) - 2)]
+    for r in sorted(data["runs"].values(), key=rank):
+        s, cloud = r["shadow"], data.get("ensembles", {}).get(r["solver"], {})
+        cells = [
+            f"`{r['solver']}` {r['setting']}", r["status"], number(r["energy_drift_J"]), number(r["accurate_until_s"]),
+            *(number(r["error_m"].get(f"{t:g}")) for t in (EARLY, LATE)), number(s.get("until_s")),
+            *(number(s.get(k), 1e3) for k in ("rms_m", "largest_m", "start_m")),
+            number(s.get("gap_m") if s.get("until_s") else None, digits=1), number(r["modified_energy"], digits=1),
+            *(signed(cloud.get(k), part) for k, part in ((f"{ALL_C} 2", "excess"), ("energy 20", "bias"))),
+        ]  # fmt: skip
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows) + "\n"
+
+
+def page() -> str:
+    """What the table teaches, and the table."""
+    data = read()
+    rows = list(data["runs"].values())
+    shadows = [r["shadow"] for r in rows if (r["shadow"].get("until_s") or 0.0) >= LATE]
+    none = [f"`{r['solver']}`" for r in rows if (r["shadow"].get("until_s") or 0.0) < LATE and r["status"] in SOUND]
+    late = [r["error_m"][f"{LATE:g}"] for r in rows if r["shadow"] in shadows]
+    rms = sorted(1e3 * s["rms_m"] for s in shadows)
+    lesson = (
+        f"The chain over {LATE:g} s at the settings that `solve` takes by default. Of {len(rows)} codes measured "
+        f"{len(shadows)} have a true motion nearby over the whole time. Their errors at {LATE:g} s, {min(late):.2g} to "
+        f"{max(late):.2g} m, are those of strangers and rank nobody; the rms distances of their shadows, {rms[0]:.1g} "
+        f"to {rms[-1]:.2g} mm, span a factor of {rms[-1] / rms[0]:.0f}. "
+    )
+    if none:
+        lesson += f"Lawful to the end, yet without a shadow found that far: {', '.join(none)}. "
+    if data.get("ensembles"):
+        lesson += f"Bold: chance alone gives as much in less than one of {1 / SURE:.0f} cases ({STARTS} starts)."
+    return f"{textwrap.fill(lesson, 138)}\n\n{table()}"
+
+
+def rank(row: dict[str, Any]) -> tuple[float, float]:
+    """By the time of the shadow, then by its distance."""
+    s = row["shadow"]
+    return -(s.get("until_s") or 0.0), s.get("rms_m") or math.inf
+
+
+def number(value: float | None, scale: float = 1.0, digits: int = 2) -> str:
+    """A dash where there is none."""
+    return "–" if value is None else f"{scale * value:.{digits}g}"
+
+
+def signed(score: dict[str, Any] | None, part: str) -> str:
+    """In bold where chance alone gives so much in one of 100 cases."""
+    if score is None or score[part] is None or math.isnan(score[part]):
+        return "–"
+    return f"**{score[part]:.2g}**" if score["p"] < SURE else f"{score[part]:.2g}"
+
+
+def main() -> None:
+    """One of the three."""
+    problem = registry.make_problem("chain", {})
+    if sys.argv[1:2] == ["measure"]:
+        for solver in sys.argv[2:]:
+            row = measure(problem, solver)
+            keep("runs", {solver: row})
+    elif sys.argv[1:2] == ["cloud"]:
+        score(problem, sys.argv[2:])
+    else:
+        PAGE.write_text(TABLE.sub(lambda _: page(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

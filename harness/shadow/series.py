@@ -1,0 +1,229 @@
+"""Plane mechanisms by Taylor series in multiple precision, in two formulations, for motions beyond what doubles follow.
+
+A body has its centre (x, y) and the direction (c, s) of an axis; rows are linear in these four: J X = const.
+
+angles      theta_dot_dot = (-s Q_c + c Q_s) / I,  c_dot = -s w, s_dot = c w
+directors   no angle: I e_dot_dot = Q_e + mu e, mu = -e . Q_e - I |e_dot|^2, which keeps e = (c, s) of unit length
+
+with Q = J^T lam; J X_dot_dot = 0 gives lam, order by order, by one factor of J W J^T a step. Numbers are integers, in
+units of 2^-bits; time is in units of about the step, so that coefficients fall and high ones are short.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import islice
+from operator import mul
+
+GUARD = 24  # bits below the truncation error of a step
+ORDER = 0.35  # a bit: about the cheapest, log(2) / 2, since work grows as its square and steps as 2^(-bits/order)
+LOOSE = 5, 4  # unit of time over the last step: the next may be longer by this
+FORMULATIONS = ("angles", "directors")
+X, Y, C, S = range(4)
+Series = list[int]
+Rows = Sequence[Mapping[int, tuple[Fraction, ...]]]  # by body: factors of its x, y, c, s
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Rigid bodies in a plane, each of unit (c, s); ``rows`` have rank."""
+
+    mass: Sequence[Fraction]  # [kg]
+    inertia: Sequence[Fraction]  # [kg m2] about the centres
+    rows: Rows  # [m]
+    gravity: Fraction  # [m/s2] along -y
+
+
+@dataclass(frozen=True)
+class Precise:
+    """A state, in units of 2^-bits: x, y [m], c, s of each body, and their rates [1/s]."""
+
+    t: int
+    X: Sequence[Sequence[int]]
+    V: Sequence[Sequence[int]]
+
+
+class Flow:
+    """The motion from a state; the truncation error of a step is about 2^(GUARD - bits)."""
+
+    def __init__(self, mechanism: Mechanism, formulation: str, bits: int) -> None:
+        if formulation not in FORMULATIONS:
+            raise ValueError(f"formulation must be {' or '.join(FORMULATIONS)} (got {formulation})")
+        self.mechanism, self.bits, self.order = mechanism, bits, int(ORDER * bits)
+        self._expand = self._by_angles if formulation == "angles" else self._by_directors
+        self._rows = [[(b, k, self._fixed(a)) for b, r in row.items() for k, a in enumerate(r) if a]
+                      for row in mechanism.rows]  # fmt: skip
+        self._light = [self._fixed(1 / m) for m in mechanism.mass]
+        self._agile = [self._fixed(1 / i) for i in mechanism.inertia]
+        self._inertia = [self._fixed(i) for i in mechanism.inertia]
+        self.unit = self._fixed(Fraction(1, 64))  # [s]
+
+    def _fixed(self, a: Fraction) -> int:
+        return (a.numerator << self.bits) // a.denominator
+
+    def march(self, state: Precise, t_end: int, at: Sequence[int] = ()) -> Iterator[tuple[Precise, bool]]:
+        """States at the ``at`` [s, 2^-bits] behind ``state``, True; and where steps end, False."""
+        wanted = [t for t in at if t > state.t]
+        while state.t < t_end:
+            series = self._series(state)
+            h = self._step(series)
+            while wanted and wanted[0] <= state.t + h:
+                yield self._evaluate(series, state.t, wanted.pop(0)), True
+            state = self._evaluate(series, state.t, state.t + h)
+            self.unit = h * LOOSE[0] // LOOSE[1]
+            yield state, False
+
+    def _series(self, state: Precise) -> list[list[Series]]:
+        B, unit = self.bits, self.unit
+        start = [[[x, v * unit >> B] for x, v in zip(X, V, strict=True)] for X, V in zip(state.X, state.V, strict=True)]
+        self._pull = -self._fixed(self.mechanism.gravity) * unit * unit >> 2 * B
+        self._factor(start)
+        return self._expand(start)
+
+    def _step(self, series: list[list[Series]]) -> int:
+        """[2^-bits s]: the last two coefficients times its powers are 2^(GUARD - bits)."""
+        h = self.unit
+        for k in (self.order, self.order - 1):
+            largest = max(abs(a[k]) for body in series for a in body)
+            if largest > 1:
+                h = min(h, int(self.unit * 2.0 ** ((GUARD - largest.bit_length()) / k)))
+        return h
+
+    def _evaluate(self, series: list[list[Series]], begin: int, t: int) -> Precise:
+        B = self.bits
+        u = ((t - begin) << B) // self.unit
+        values, rates = [], []
+        for body in series:
+            X, V = [], []
+            for a in body:
+                x = v = 0
+                for coefficient in reversed(a):
+                    v = (v * u >> B) + x
+                    x = (x * u >> B) + coefficient
+                X.append(x)
+                V.append((v << B) // self.unit)
+            values.append(X)
+            rates.append(V)
+        return Precise(t, values, rates)
+
+    def _factor(self, start: list[list[Series]]) -> None:
+        """L D L^T of J W J^T by rows: the inverse pivot, and L left of the diagonal where it is not zero."""
+        B = self.bits
+        across = [(-b[S][0], b[C][0]) for b in start]
+        slopes = []  # of a row: along x, y, and the angle of its bodies
+        for row in self._rows:
+            own: dict[tuple[int, int], int] = {}
+            for b, k, a in row:
+                key, factor = (b, min(k, C)), a if k < C else a * across[b][k - C] >> B
+                own[key] = own.get(key, 0) + factor
+            slopes.append(own)
+        self._L: list[dict[int, int]] = []
+        self._inverse: list[int] = []
+        pivots: list[int] = []
+        for i, own in enumerate(slopes):
+            weighted = {key: a * (self._light if key[1] < C else self._agile)[key[0]] >> B for key, a in own.items()}
+            U: dict[int, int] = {}
+            for j in range(i + 1):
+                entry = sum(a * slopes[j][key] for key, a in weighted.items() if key in slopes[j]) >> B
+                below = self._L[j] if j < i else {n: (u * self._inverse[n]) >> B for n, u in U.items()}
+                entry -= sum(u * below[n] for n, u in U.items() if n in below) >> B
+                if j == i:
+                    self._L.append(below)
+                    pivots.append(entry)
+                    self._inverse.append((1 << 2 * B) // entry)
+                elif entry:
+                    U[j] = entry
+        self._above = [[(j, L[i]) for j, L in enumerate(self._L) if i in L] for i in range(len(self._L))]
+
+    def _solve(self, b: list[int]) -> list[int]:
+        B = self.bits
+        for i, L in enumerate(self._L):
+            if L:
+                b[i] -= sum(a * b[j] for j, a in L.items()) >> B
+        b = [x * p >> B for x, p in zip(b, self._inverse, strict=True)]
+        for i in reversed(range(len(b))):
+            if self._above[i]:
+                b[i] -= sum(a * b[j] for j, a in self._above[i]) >> B
+        return b
+
+    def _react(self, known: list[list[int]]) -> list[list[int]]:
+        """Q of the lam that keep J X_dot_dot = 0 beside the ``known`` part of X_dot_dot."""
+        B = self.bits
+        lam = self._solve([-sum(a * known[b][k] for b, k, a in row) >> B for row in self._rows])
+        Q = [[0, 0, 0, 0] for _ in known]
+        for row, force in zip(self._rows, lam, strict=True):
+            for b, k, a in row:
+                Q[b][k] += a * force
+        return [[q >> B for q in own] for own in Q]
+
+    def _advance(self, series: list[list[Series]], k: int, known: list[list[int]], Q: list[list[int]]) -> None:
+        """Append coefficient k + 2 of all four: W Q beside the known part."""
+        B, n = self.bits, (k + 1) * (k + 2)
+        for body, a, q, light, agile in zip(series, known, Q, self._light, self._agile, strict=True):
+            c, s = body[C][0], body[S][0]
+            turn = ((c * q[S] - s * q[C]) >> B) * agile >> B
+            body[X].append((a[X] + (light * q[X] >> B)) // n)
+            body[Y].append((a[Y] + (light * q[Y] >> B)) // n)
+            body[C].append((a[C] - (s * turn >> B)) // n)
+            body[S].append((a[S] + (c * turn >> B)) // n)
+
+    def _by_angles(self, series: list[list[Series]]) -> list[list[Series]]:
+        B = self.bits
+        rate = [[(b[C][0] * b[S][1] - b[S][0] * b[C][1]) >> B] for b in series]
+        force: list[tuple[Series, Series]] = [([], []) for _ in series]
+        for k in range(self.order - 1):
+            known, turns = [], []
+            for body, w, (q_c, q_s), agile in zip(series, rate, force, self._agile, strict=True):
+                c, s, back = body[C], body[S], w[::-1]
+                turn = (_dot(c, q_s[::-1]) - _dot(s, q_c[::-1]) >> B) * agile >> B
+                turns.append(turn)
+                known.append([
+                    0, 0 if k else self._pull,
+                    ((k + 1) * -_dot(s, back) - s[0] * turn) >> B, ((k + 1) * _dot(c, back) + c[0] * turn) >> B,
+                ])  # fmt: skip
+            Q = self._react(known)
+            self._advance(series, k, known, Q)
+            for body, w, own, q, turn, agile in zip(series, rate, force, Q, turns, self._agile, strict=True):
+                w.append((turn + ((body[C][0] * q[S] - body[S][0] * q[C] >> B) * agile >> B)) // (k + 1))
+                own[0].append(q[C])
+                own[1].append(q[S])
+        return series
+
+    def _by_directors(self, series: list[list[Series]]) -> list[list[Series]]:
+        B = self.bits
+        force: list[tuple[Series, Series]] = [([], []) for _ in series]
+        stretch: list[Series] = [[] for _ in series]  # mu
+        rates = [([b[C][1]], [b[S][1]]) for b in series]
+        for k in range(self.order - 1):
+            known, half = [], []
+            for body, (q_c, q_s), mu, (c_dot, s_dot), agile, inertia in zip(
+                series, force, stretch, rates, self._agile, self._inertia, strict=True
+            ):
+                c, s = body[C], body[S]
+                square = _square(c_dot) + _square(s_dot)
+                own = -(_dot(c, q_c[::-1]) + _dot(s, q_s[::-1]) + (inertia * square >> B)) >> B
+                half.append(own)
+                back = mu[::-1]
+                e_c, e_s = (_dot(e, back) + e[0] * own >> B for e in (c, s))
+                known.append([0, 0 if k else self._pull, e_c * agile >> B, e_s * agile >> B])
+            Q = self._react(known)
+            self._advance(series, k, known, Q)
+            for body, own, mu, q, part, (c_dot, s_dot) in zip(series, force, stretch, Q, half, rates, strict=True):
+                mu.append(part - ((body[C][0] * q[C] + body[S][0] * q[S]) >> B))
+                own[0].append(q[C])
+                own[1].append(q[S])
+                c_dot.append((k + 2) * body[C][k + 2])
+                s_dot.append((k + 2) * body[S][k + 2])
+        return series
+
+
+def _dot(a: Series, back: Series) -> int:
+    """Sum of a_j b_n-j over j = 1 ... n, ``back`` being b from the last one."""
+    return sum(map(mul, islice(a, 1, None), back))
+
+
+def _square(a: Series) -> int:
+    """Sum of a_j a_n-j over all j, n the last."""
+    n = len(a)
+    total = 2 * sum(map(mul, islice(a, n // 2), reversed(a)))
+    return total + a[n // 2] ** 2 if n % 2 else total
