@@ -31,6 +31,6 @@ def _count(runs: Sequence[RunRecord]) -> dict[str, Any]:
     return {
         "runs": len(runs),
         **{str(s): sum(r.status == s for r in runs) for s in JUDGED},
-        "least_motion_error_m": exact(min((r.motion_error_judged_m for r in good), default=math.nan)),
-        "least_cpu_s": exact(min(near, default=math.nan)),
+        "least_motion_error_m": exact(min((r.motion_error_judged_m for r in good), default=math.inf)),
+        "least_cpu_s": exact(min(near, default=math.inf)),
     }

@@ -15,6 +15,7 @@ import pytest
 from tests.harness.ladder.forgeries.bundles import change_states
 
 PROGRAM = Path(__file__).resolve().parents[2] / "checker" / "check_bundle.py"
+sys.path.insert(0, str(PROGRAM.parent))  # as Python does for a program: it finds laws.py beside it
 SPEC = importlib.util.spec_from_file_location("check_bundle", PROGRAM)
 checker = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(checker)
