@@ -11,11 +11,11 @@ Array = np.ndarray
 EPS, STEP, ZERO = 1e-12, 1e-30, np.zeros(3)  # rounding, of the size of terms; step of derivatives
 dot, turn = partial(np.einsum, "...k,...k"), partial(np.einsum, "tkij,kj->tki")  # products; directions to space
 LETTERS = {"j": "joint", "s": "spring", "t": "torsion", "u": "user"}  # with two ends
-FIELDS = {  # shapes: numbers of bodies, joints, springs, torsions, loads, user forces, then 3 or 7
+FIELDS = {  # shapes: numbers of bodies, joints, springs, torsions, loads, user forces, then 2, 3 or 7
     "": "mass:b inertia:b33 gyration:b gravity:3 start_r:b3 start_R:b33 start_v:b3 start_Omega:b3 user_i:u user_j:u",
     "joint_": "i:j j:j s_i:j3 s_j:j3 u:j3 w:j3 n:j33 length:j motion:j7 points:j lines:j axes:j moving:j",
     "spring_": "i:s j:s p_i:s3 p_j:s3 k:s d0:s c:s",
-    "torsion_": "i:t j:t u:t3 n:t33 k:t rest:t c:t",
+    "torsion_": "i:t j:t u:t3 n:t23 k:t rest:t c:t",
     "load_": "i:l p:l3 force:l3 torque:l3 follows:l factor:l7",
 }
 SHAPES = {
@@ -105,6 +105,7 @@ class System:
         own = {letter: np.isin([n[f"{name}_i"], n[f"{name}_j"]], bodies).any(0) for letter, name in LETTERS.items()}
         own |= {"b": bodies, "3": slice(None), "l": np.isin(n["load_i"], bodies)}
         vars(self).update({key: n[key][own[letters[0]]] for key, letters in SHAPES.items()})
+        self.torsion_n = np.concatenate([self.torsion_n, self.torsion_n[:, :1]], 1)  # a joint has three
         self.bodies, self.rim, sizes = bodies, self.gyration.max(), [own[letter].sum() for letter in "jst"]
         for key, names in (both.split(":") for both in ALIKE.split()):
             parts = [vars(self).get(name) for name in names.split(",")]

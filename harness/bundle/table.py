@@ -1,4 +1,4 @@
-"""The table of a bundle: by problem and solver how runs ended, and the smallest error and the least cost of successes."""
+"""The table of a bundle: how runs ended, least errors and least costs, by problem and solver."""
 
 import math
 from collections.abc import Sequence
