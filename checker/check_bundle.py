@@ -110,6 +110,7 @@ class Problem:
         t, T = self.exact[:, 0], min(self.t_end, self.horizon)
         even = np.abs(t / T * 2000 - np.round(t / T * 2000)) < 1e-7
         self.sizing = np.concatenate([self.whole.start, self.exact[even & (t <= T * (1 + EPS))]])
+        self.proved = "proved" in str(data["reference"]["route"])
         self.user = bool(sizes["u"] or data["not_serialised"])
         forces = any(n[key].any() for key in ("spring_c", "torsion_c", "joint_motion"))
         self.has_work = bool(forces or sizes["l"] or self.user)
@@ -159,13 +160,18 @@ def check_reference(report: Report, p: Problem) -> None:
     """Demand that the exact motion begins at the start, states sane errors and keeps the laws to them."""
     if not len(p.exact):
         return
-    t, stated, q, m, (r, _, v, W, _) = p.exact[:, 0], p.exact[:, -1], p.whole, p.whole.measure(p.exact), unpack(p.exact)
+    t, stated, q, m, (r, R, v, W, _) = p.exact[:, 0], p.exact[:, -1], p.whole, p.whole.measure(p.exact), unpack(p.exact)
     size, speed = np.abs(r).max() + q.rim + q.arms, q.spread(v, W).max()
     allowed, weight = 1e-9 + 100 * stated.clip(0) / size, m["T"].max() + np.abs(m["E"] - m["T"]).max() + 1e-300
     sane = (stated >= 0).all() and (stated < 0.1 * size).all() and t[0] >= 0 and t[-1] <= p.horizon * (1 + EPS)
     report.compare("reference: errors and horizon sane", bool(sane), recorded=True)
     laws = {"phi": m["phi"] / size, "phi_dot": m["phi_dot"] / max(speed, 1e-9 * size)}
     laws |= {"orthogonality": m["orthogonality"], "energy": (m["E"] - q.initial["E"]) / weight}
+    if (cosine := follow_top(q, t)) is not None:
+        up, arm = q.gravity / np.linalg.norm(q.gravity), q.joint_s_i[0] / np.linalg.norm(q.joint_s_i[0])
+        laws["closed form"] = allowed * (R[:, 0] @ arm @ up - cosine) / (REL + 2 * stated / size)
+    elif p.proved:
+        report.undecided["no closed form here: its motion is proved by others", "reference"] += 1
     laws["start"] = allowed * np.abs(p.exact - q.start)[0, 1:-1].max() / (1e-9 * (1 + size + speed))
     for law, defect in laws.items():
         known = not (p.has_work if law == "energy" else law == "start" and t[0])

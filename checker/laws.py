@@ -223,6 +223,42 @@ class System:
         return a, np.concatenate([self.mass[:, None] * a[..., :3], np.einsum(times, J, a[..., 3:])], 2) - f
 
 
+def follow_top(q: System, t: Array) -> Array | None:
+    """Return the cosine between the arm of a symmetric body on a spherical joint and the vertical, in closed form.
+
+    Its square of the rate is a cubic f; Weierstrass's function of z=t/2^n by its series, then doubled n times.
+    """
+    arm, size = -q.joint_s_i.sum(0), np.linalg.norm(q.joint_s_i)
+    alone = len(q.mass) == 1 and q.kinds.tolist() == ["spherical"] and not len(q.load_i) + len(q.user_i)
+    if not (alone and q.joint_i[0] == 0 and size > 0 and q.gravity.any()):
+        return None
+    e, up, m, J = arm / size, -q.gravity / np.linalg.norm(q.gravity), q.mass[0], q.inertia[0]
+    axial, across = e @ J @ e, (np.trace(J) - e @ J @ e) / 2
+    if np.abs(J - across * np.eye(3) - (axial - across) * np.outer(e, e)).max() > EPS * np.trace(J):
+        return None
+    (_, R, _, W, w), heavy = (a[0, 0] for a in unpack(q.start)), m * size * np.linalg.norm(q.gravity)
+    I, u, du = across + m * size**2, R @ e @ up, R @ W @ e @ up
+    a = (w @ w - (w @ e) ** 2) + 2 * heavy * u / I
+    c, d, b = axial * (w @ e) / I, 2 * heavy / I, up @ R @ (w - e * (e @ w)) + axial * (w @ e) / I * u
+    f = np.poly1d([d, -(a + c**2), 2 * b * c - d, a - b**2])
+    a1, a2, a3 = f.c[:3] / [4, 6, 4]
+    g2, g3 = 3 * a2**2 - 4 * a1 * a3, 2 * a1 * a2 * a3 - a2**3 - a1**2 * f.c[3]
+    scale = max(abs(g2) ** 0.25, abs(g3) ** (1 / 6))
+    n = np.ceil(np.log2(2 * t[t > 0] * scale + EPS)).clip(0)
+    z, series = t[t > 0] / 2**n, {2: g2 / 20, 3: g3 / 28}
+    for k in range(4, 24):
+        series[k] = 3 * sum(series[j] * series[k - j] for j in range(2, k - 1)) / ((2 * k + 1) * (k - 3))
+    x = 1 / z**2 + sum(c * z ** (2 * k - 2) for k, c in series.items())
+    y = -2 / z**3 + sum((2 * k - 2) * c * z ** (2 * k - 3) for k, c in series.items())
+    for k in range(int(n.max(initial=0))):
+        slope = (12 * x**2 - g2) / (2 * y)
+        twice = slope**2 / 4 - 2 * x
+        x, y = np.where(n > k, [twice, -y - slope * (twice - x)], [x, y])
+    x, cosine = x - f.deriv(2)(u) / 24, np.full(len(t), u)
+    cosine[t > 0] += (-du * y + f.deriv()(u) * x / 2 + f(u) * f.deriv(3)(u) / 24) / (2 * x**2)
+    return cosine
+
+
 def between(s: Array, at: float) -> tuple[Array, Array]:
     """Return poses at a time by the cubics of the steps around it."""
     k = min(max(np.searchsorted(s[:, 0], at, "right") - 1, 0), len(s) - 2)
