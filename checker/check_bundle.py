@@ -23,6 +23,7 @@ from laws import (
     between,
     find_kinematic_defect,
     find_truncation,
+    follow_top,
     measure_kept,
     norm,
     unpack,
