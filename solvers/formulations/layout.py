@@ -82,10 +82,10 @@ class Layout:
         place = self.row(rows)
         return np.where(place < 0, self.n + self.chart.size + 6, self.lam.start + place)
 
-    def all_rows(self, lam: Float[np.ndarray, "nt k"]) -> Float[np.ndarray, "nt nrows"]:
+    def all_rows(self, lam: Float[np.ndarray, " k"]) -> Float[np.ndarray, " nrows"]:
         """``lam`` on all rows of phi, zero on the dropped ones."""
-        out = np.zeros((len(lam), self.system.nrows))
-        out[:, self.kept] = lam
+        out = np.zeros(self.system.nrows)
+        out[self.kept] = lam
         return out
 
 

@@ -1,23 +1,30 @@
 """Which constraint rows to keep, without a dense matrix: pivots of a banded Cholesky of A A^T.
 
-Rows are scaled to length one and reordered (reverse Cuthill-McKee). A little is added to the diagonal, so that the
-factorisation goes through; the squared pivot of a row is then its squared distance from the span of the rows before
-it, or that little if it depends on them. On the four-bar grid the two kinds are 1e-12 and 8e-3, on one of 20 x 20
-cells 1e-12 and 8e-5. Pivots between the two bounds leave the choice to a pivoted QR.
+Rows are scaled to length one and taken joint by joint, so that those left out all
+belong to joints that close a loop: rows of a tree never become dependent, whichever way it moves. In a plane loop the
+kept rows then stay independent as long as all rows together keep their rank.
+
+A little is added to the diagonal, so that the factorisation goes through; the squared pivot of a row is then its
+squared distance from the span of the rows before it, or about that little if it depends on them. On the four-bar grid
+the two kinds are 2e-12 and 0.1, on one of 20 x 20 cells too. Pivots between the two bounds leave the choice
+to an orthogonalisation, joint by joint in the same order.
 """
 
 import numpy as np
+import scipy.linalg as sl
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ...harness.mechanics.jacobian import even_jacobian, independent_rows
+from ...harness.mechanics.jacobian import even_jacobian
 from ...harness.mechanics.state import State
-from ...harness.mechanics.system import MultibodySystem
+from ...harness.mechanics.system import GROUND, MultibodySystem
 
 ADDED = 1e-13  # to the unit diagonal: a thousand roundings
-DEPENDENT, INDEPENDENT = 1e-10, 1e-8  # squared distances: below, above
+DEPENDENT, INDEPENDENT = 1e-10, 1e-4  # squared distances: below, above; one of d makes dependent ones of ADDED / d
+DISTANT = 1e-9  # distance of an independent row from those before it, by orthogonalisation
+BETTER = 2.0  # times the least singular value of the rows in use, to change them
 
 
 def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
@@ -26,15 +33,24 @@ def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " ran
         return np.zeros(0, dtype=np.int64)
     distance = squared_distances(system, state)
     if np.any((distance > DEPENDENT) & (distance < INDEPENDENT)):
-        return independent_rows(system, state)
+        return _orthogonalised(system, state)
     return np.flatnonzero(distance >= INDEPENDENT)
 
 
+def better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """As many rows as ``kept``, the most independent at ``state``, unless ``kept`` are about as independent."""
+    A = even_jacobian(system, state).toarray()
+    best = np.sort(sl.qr(A.T, mode="r", pivoting=True)[1][: len(kept)])
+    least = [np.linalg.svd(A[rows], compute_uv=False)[-1] for rows in (kept, best)]
+    return best if least[1] > BETTER * least[0] else kept
+
+
 def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray, " nrows"]:
-    """Of each row, scaled to length one, from the span of those before it in the band's order."""
+    """Squared distance of each row, scaled to length one, from the span of those before it in the band's order."""
     A = even_jacobian(system, state)
     S = sp.csr_matrix(A @ A.T)
-    order = reverse_cuthill_mckee(S, symmetric_mode=True)
+    place = np.argsort(_joints_in_order(system))
+    order = np.lexsort((-np.arange(system.nrows), np.repeat(place, system.joint_rows)))
     entries = S[order][:, order].tocoo()
     i, j = entries.row, entries.col
     lower = i >= j
@@ -46,3 +62,33 @@ def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray
     if info == 0:
         out[order] = factor[0] ** 2
     return out
+
+
+def _joints_in_order(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
+    """Joints body by body (Cuthill-McKee, a narrow band), a body's joint to the ground first.
+
+    Of each loop the last joint is the one that closes it.
+    """
+    i, j = system.joint_i, system.joint_j
+    between = (i != GROUND) & (j != GROUND)
+    ends = (np.ones(np.sum(between)), (i[between], j[between]))
+    neighbours = sp.csr_matrix(sp.coo_matrix(ends, (system.nb, system.nb)))
+    bodies = reverse_cuthill_mckee(neighbours + neighbours.T, symmetric_mode=True)[::-1]
+    place = np.append(np.argsort(bodies), GROUND)
+    return np.lexsort((np.minimum(place[i], place[j]), np.maximum(place[i], place[j])))
+
+
+def _orthogonalised(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
+    """The same set by a dense orthogonalisation, of each joint's rows in the order of their distances."""
+    A = even_jacobian(system, state)
+    rows, basis, kept = A.toarray(), np.zeros((0, A.shape[1])), []
+    for k in _joints_in_order(system):
+        at = np.arange(*system.row_start[k : k + 2])
+        left = rows[at]
+        for _ in range(2):
+            left = left - (left @ basis.T) @ basis
+        Q, pivots, order = sl.qr(left.T, mode="economic", pivoting=True)
+        distant = np.abs(np.diag(pivots)) > DISTANT
+        basis = np.concatenate((basis, Q.T[distant]))
+        kept.append(at[order[: np.sum(distant)]])
+    return np.sort(np.concatenate(kept))

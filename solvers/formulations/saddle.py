@@ -67,7 +67,7 @@ class Saddle:
         k, n_u = layout.k, layout.n_u
         W, blocks, in_blocks = inverse_mass.pattern, inverse_mass.data, inverse_mass.places
         self._u_dot, self._lam = np.zeros(n_u), np.zeros(k)
-        self._info = integer(0)
+        self._info, self._pivots = integer(0), np.zeros(0)
         free, back = np.zeros(n_u), np.zeros(n_u)
         factor = list(inverse_mass.steps)
         solve = [set_to_zero(free), add_products(blocks, in_blocks, e, W.columns, free, W.rows)]
@@ -84,6 +84,7 @@ class Saddle:
             AW_data, band, right = np.zeros(AW.pattern.nnz), np.zeros(height * k), np.zeros(k)
             uplo, size, one = np.frombuffer(b"L", dtype=np.uint8), integer(k), integer(1)
             width, lead = integer(height - 1), integer(height)
+            self._pivots = band[::height]
             factor += [
                 set_to_zero(AW_data),
                 add_products(A, AW.p, blocks, in_blocks[AW.q], AW_data, AW.pattern.place),
@@ -99,11 +100,13 @@ class Saddle:
                 take(right, place, self._lam),
                 add_products(A, every, self._lam, pattern.rows, back, pattern.columns),
             ]
-        solve += [
-            set_to_zero(self._u_dot),
-            add_products(blocks, in_blocks, back, W.columns, self._u_dot, W.rows),
-        ]
+        solve += [set_to_zero(self._u_dot), add_products(blocks, in_blocks, back, W.columns, self._u_dot, W.rows)]
         self._factor, self._solve = Program(factor), Program(solve)
+
+    @property
+    def distances(self) -> Float[np.ndarray, " k"]:
+        """Distance of each row of A, in the order of the band and the metric of M^-1, from the span of those before."""
+        return self._pivots
 
     def solve(self) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
         """(u_dot, lam), in arrays that the next call changes."""

@@ -1,0 +1,50 @@
+"""Redundant rows along a motion: those in use must not become dependent where all rows together do not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbsbench
+from mbsbench import Status, StepControl, constraint_jacobian, make_problem
+from mbsbench.harness.catalogue.registry import make_solver
+from mbsbench.harness.fuzz.cases import read_case
+from mbsbench.harness.fuzz.oracle import Kind
+from mbsbench.harness.fuzz.presenting import Form
+from mbsbench.solvers.formulations.rank import rows_to_keep
+
+FOUND = Path(mbsbench.__file__).parent / "results/published/fuzz/cvode-673.json"
+
+
+def test_in_a_plane_loop_the_rows_kept_at_the_start_stay_independent_while_the_mechanism_moves():
+    """Four parallel hinges on tilted axes: rank 17 of 20 rows; a choice by pivots of all rows loses it at 0.168 s."""
+    problem = read_case(FOUND).oracle.problem
+    system, kept = problem.system, rows_to_keep(problem.system, problem.initial)
+    motion = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-9))
+    assert len(kept) == 17
+    for state in motion.states:
+        A = constraint_jacobian(system, state).toarray()
+        all_rows, those = (np.linalg.svd(rows, compute_uv=False)[16] for rows in (A, A[kept]))
+        assert those > 0.1 * all_rows
+
+
+@pytest.mark.parametrize(
+    "solver", ["cvode", "scipy_strong_form", "ida_index1", "ida_index2", "ndf_index1", "radau_index1"]
+)
+def test_the_plane_loop_that_the_fuzzer_found_is_solved(solver):
+    case = read_case(FOUND)
+    assert case.oracle.examine(solver).kind is Kind.SOUND
+
+
+@pytest.mark.parametrize("solver", ["cvode", "rk45_strong_form", "scipy_strong_form"])
+@pytest.mark.parametrize("rotation", [(0.7, -0.4, 1.1), (-0.3, 2.0, 0.4)])
+def test_the_strong_form_changes_its_rows_where_those_in_use_wear_out(solver, rotation):
+    """Bricard's loop, turned: a reaction of the one self-stress crosses zero at 0.636 s, and none is safe for ever."""
+    problem, form = make_problem("bricard"), Form(0, "fixed", rotation)
+    true = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states[-1]
+    errors = []
+    for rtol in (1e-6, 1e-8):
+        run = form.solve(make_solver(solver), problem, StepControl(rtol=rtol, cpu_limit=10.0))
+        assert run.status is Status.SUCCESS
+        errors.append(float(np.max(np.abs(run.states[-1].r - true.r))))
+    assert errors[1] < 2e-4 and errors[1] < 0.2 * errors[0]
