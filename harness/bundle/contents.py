@@ -1,4 +1,4 @@
-"""The files of a bundle, made from a results folder alone: nothing is run or computed anew."""
+"""The files of a bundle, made from a results folder and what its problems say they keep: nothing is run anew."""
 
 import hashlib
 import json
@@ -17,9 +17,11 @@ from ..results import store
 from ..results.records import COLUMNS, RunRecord, is_literal
 from ..results.series import Series
 from .crate import METADATA, describe_crate
-from .selection import STATE, select_states
+from .invariants import describe_invariants
+from .selection import REACTION, STATE, select_states
+from .table import make_table
 
-FORMAT, VERSION = "mbsbench bundle", 2
+FORMAT, VERSION = "mbsbench bundle", 3
 RUN_ID = re.compile(r"[0-9a-f]{8,64}")
 TEXT = re.compile(r"[a-z0-9_-]+\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
 LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
@@ -63,19 +65,24 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
     yield "bundle.json", _json({"format": FORMAT, "version": VERSION, "lossless": lossless, "codes": codes})
     yield from _texts(folder)
     yield "records.json", _json([{c.name: exact(getattr(r, c.name)) for c in COLUMNS} for r in records])
+    yield "table.json", _json(make_table(records))
     for record in records:
         if not RUN_ID.fullmatch(record.run_id):
             raise FileError(f"{record.run_id!r} is no id of a run")
         run: dict[str, Any] = {"run_id": record.run_id, "problem": "", "states": "none", "peaks_s": {}, "arrays": {}}
+        run |= {"reaction": list[float](), "between": False}
         series = store.series_of(folder, record)
         if series is not None and "state_t" in series:
             _check_arrays(record, series)
             problem = _describe_problem(record, series)
             run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
-            chosen, exact_ones = select_states(series)
+            chosen, exact_ones, run["between"] = select_states(series)
             chosen |= lossless
             exact_of.setdefault(name, _Exact(problem)).add(series, exact_ones | lossless)
             run["peaks_s"] = dict(series.peaks)
+            if "state_reaction" in series and REACTION in series.peaks:
+                (at,) = np.flatnonzero(series["state_t"] == series.peaks[REACTION])
+                run["reaction"] = series["state_reaction"][at].tolist()
             if np.any(chosen):
                 every = np.all(chosen) and len(chosen) == len(series["t"])
                 run["states"] = "every step" if every else "some steps"
@@ -125,6 +132,7 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
         "t_end_s": record.t_end_s, "literal_start": is_literal(record), "section": record.section,
         "body_names": series.body_names, "joint_names": series.joint_names, "joint_kinds": kinds,
         "not_serialised": [f"user force {k}" for k in range(len(plain["user_i"]))],
+        "invariants": describe_invariants(record.problem, record.problem_parameters),
         "reference": {
             "kind": series.reference, "route": record.reference, "horizon_s": exact(record.reference_horizon_s),
         },

@@ -12,6 +12,7 @@ SOFTWARE = "#mbsbench"
 TYPES = {".json": "application/json", ".npy": "application/octet-stream", ".toml": "application/toml"}
 MEANING = {
     "bundle.json": "format and version of this bundle", "records.json": "one record a run",
+    "table.json": "counts, least errors and costs by problem and solver",
     "runs.json": "problem and arrays of each run", "environment": "packages and machine of runs",
     "runs/": "states of a run", "series/": "series of a run",
     "problems/": "every number of a problem", "references/": "exact states of a problem",

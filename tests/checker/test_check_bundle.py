@@ -15,6 +15,7 @@ import pytest
 from tests.harness.ladder.forgeries.bundles import change_states
 
 PROGRAM = Path(__file__).resolve().parents[2] / "checker" / "check_bundle.py"
+sys.path.insert(0, str(PROGRAM.parent))  # as Python does for a program: it finds laws.py beside it
 SPEC = importlib.util.spec_from_file_location("check_bundle", PROGRAM)
 checker = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(checker)
@@ -129,6 +130,21 @@ def test_a_planted_change_is_found(bundles, tmp_path, change, kind):
     assert check(write(tmp_path / "same.zip", files)) == []
     PLANTED[change](files)
     assert check(write(tmp_path / "b.zip", files))
+
+
+@pytest.mark.parametrize("number", ["inertia", "gravity", "start_Omega", "joint_s_i"])
+def test_a_proved_motion_has_its_closed_form(bundles, number):
+    """Weierstrass's function gives the nutation of the top that theta functions gave; of other numbers it does not."""
+    files = read(bundles["thin"])
+    name = next(n[9:-5] for n in files if n.startswith("problems/") and b'"heavy_top"' in files[n])
+    for factor, agree in ((1.0, True), (1.01, False)):
+        plain = json.loads(files[f"problems/{name}.json"])
+        plain["numbers"][number] = (factor * np.array(plain["numbers"][number])).tolist()
+        problem = checker.Problem(json.dumps(plain).encode(), files[f"references/{name}.npy"], name)
+        report = checker.Report()
+        with np.errstate(all="ignore"):
+            checker.check_reference(report, problem)
+        assert report.numbers > 4 and agree == (not any("closed form" in line for line in report.findings))
 
 
 def test_a_removed_file_or_a_wrong_digest_is_refused(bundles, tmp_path):

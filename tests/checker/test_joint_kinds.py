@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.mechanics import motion
+from mbsbench.harness.mechanics.index1 import index_1
 from mbsbench.harness.mechanics.joints import KINDS as SORTS
 from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.metrics.reactions import load_on_bodies
 
 from ..solvers.arbitrary_joints import KINDS, MOVING, one_joint
 from ..solvers.arbitrary_joints import moving_rows as moving_joints
@@ -14,6 +16,7 @@ from .test_check_bundle import checker
 
 FLIPPED = ("joint_u", "joint_n", "joint_s_i", "joint_length", "joint_motion")  # of each kind, one decides
 SEEDS = 3
+LOOSER = 1e-4  # of accelerations, whose rates of phi_dot are differences: these agree to 1e-7
 
 
 def numbers_of(system, start):
@@ -36,8 +39,10 @@ def compare(system, numbers=None):
         bodies = [a.reshape(system.nb, -1) for a in (state.r, state.R, state.v, state.Omega)]
         row = np.concatenate([[0.4], np.concatenate(bodies, axis=1).ravel(), [0.0]])[None]
         with np.errstate(all="ignore"):
-            found = checker.System(given, kinds_of(system), np.arange(system.nb)).measure(row)
+            q = checker.System(given, kinds_of(system), np.arange(system.nb))
+            found = q.measure(row)
         one = States(state.r[None], state.R[None], state.v[None], state.Omega[None], np.array([0.4]))
+        worst = max(worst, compare_accelerations(q, row, system, one))
         metres = np.ones(system.nrows)
         metres[system.turning_rows] = np.max(system.gyration)
         phi, rate = motion.constraint(system, one)[0], motion.constraint_rate(system, one)[0]
@@ -49,6 +54,18 @@ def compare(system, numbers=None):
         ):  # fmt: skip
             worst = max(worst, abs(found[key][0] - expected) / (1.0 + abs(expected)))
     return worst
+
+
+def compare_accelerations(q, row, system, one):
+    """The largest relative difference of accelerations, of the joints' loads, and of loads of given reactions."""
+    if len(system.user_i):
+        return 0.0
+    expected = index_1(system, one)
+    given = np.linspace(-1.0, 2.0, system.nrows)[None]
+    with np.errstate(all="ignore"):
+        pairs = [*zip(q.accelerate(row), (expected.a, expected.load), strict=True)]
+        pairs.append((q.load(row, given), load_on_bodies(system, given, one)))
+    return max(LOOSER * np.max(np.abs(a - b)) / (1.0 + np.max(np.abs(b))) for a, b in pairs)
 
 
 def system_of(kind, *, ground):

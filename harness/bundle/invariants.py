@@ -1,0 +1,56 @@
+"""What the invariants of a problem are, in numbers: which momentum or rate, along which direction of space or body."""
+
+import math
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..catalogue.registry import make_problem
+from ..files import parse_json
+from ..mechanics import so3
+from ..mechanics.motion import angular_momentum, linear_momentum
+from ..mechanics.state import States
+from ..types import Problem
+
+STATES, SEED, SAME = 8, 1, 1e-12  # arbitrary states at which an invariant is told from others; relative difference
+
+
+@cache
+def describe_invariants(name: str, parameters: str) -> list[dict[str, Any]]:
+    """Each invariant of a problem: name, unit, and its quantity, which is left out where it is none of those here."""
+    try:
+        problem = make_problem(name, parse_json(parameters, "parameters"))
+    except (ValueError, KeyError):  # a plugin's, which is not loaded, or of an older code
+        return []
+    if not problem.invariants:
+        return []
+    random, nb = np.random.default_rng(SEED), problem.system.nb
+    r, v, Omega, turn = random.standard_normal((4, STATES, nb, 3))
+    s = States(r, so3.exp(turn), v, Omega)
+    known, at_home = list(_quantities(problem, s)), problem.home(s)
+    return [
+        {"name": i.name, "unit": i.unit, **next((about for about, a in known if _is_same(i.of(at_home), a)), {})}
+        for i in problem.invariants
+    ]
+
+
+def _quantities(problem: Problem, s: States) -> Iterator[tuple[dict[str, Any], Float[np.ndarray, " nt"]]]:
+    """Components that may be kept: of momenta and spins along the home axes in space, of body rates along body axes."""
+    system = problem.system
+    spins = np.einsum("tbij,bjk,tbk->tbi", s.R, system.inertia, s.Omega)
+    for e in problem.frame.T:
+        along = e.tolist()
+        yield {"quantity": "momentum", "along": along}, linear_momentum(system, s) @ e
+        yield {"quantity": "angular momentum", "along": along}, angular_momentum(system, s) @ e
+        for b in range(system.nb):
+            yield {"quantity": "spin", "body": b, "along": along}, spins[:, b] @ e
+    for b in range(system.nb):
+        for k, e in enumerate(np.eye(3)):
+            yield {"quantity": "rate", "body": b, "along": e.tolist()}, s.Omega[:, b, k]
+
+
+def _is_same(a: np.ndarray, b: np.ndarray) -> bool:
+    return bool(np.max(np.abs(a - b)) <= SAME * max(float(np.max(np.abs(b))), math.ulp(1.0)))

@@ -1,0 +1,136 @@
+"""Motions that break one law and whose records claim success: the checker, which sees the motion alone, finds each."""
+
+import io
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbsbench.cli.__main__ import main
+from mbsbench.harness.bundle.table import make_table
+from mbsbench.harness.catalogue.registry import load_plugin, make_problem
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.run import run_here
+from mbsbench.harness.results import records, store
+from mbsbench.harness.suites.spec import make_spec
+
+from ..harness.ladder.forgeries.motions import MOTIONS
+from .test_check_bundle import check, read, write
+
+PARAMETERS = {"mass": 1.0, "half_length": 0.5, "omega_x": 5.0, "omega_z": 3.0, "t_end": 0.5}
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory):
+    """The lossless bundle of an honest motion and of all forged ones, each judged by the harness."""
+    place = tmp_path_factory.mktemp("forged")
+    folder = store.create(place / "results")
+    load_plugin(Path(__file__).parent / "forged.py")
+    problem = make_problem("spherical_pendulum", PARAMETERS)
+    for how in ("nothing", *MOTIONS):
+        spec = make_spec(problem, "forged", {"how": how}, {"dt": 2e-3})
+        run_here(Job(spec, folder, "some", "code", "commit", lossless=True))
+    assert main(["bundle", str(folder), "-o", str(place / "b.zip"), "--lossless"]) == 0
+    return read(place / "b.zip")
+
+
+def forged(bundle, how, **changes):
+    """The files of the bundle with one run left, its record changed and the table made anew."""
+    options = "{}" if how == "nothing" else json.dumps({"how": how})
+    (record,) = (
+        r for r in json.loads(bundle["records.json"]) if json.loads(r["solver_options"]) == json.loads(options)
+    )
+    (run,) = (r for r in json.loads(bundle["runs.json"]) if r["run_id"] == record["run_id"])
+    files = {n: raw for n, raw in bundle.items() if not n.startswith(("runs/", "series/")) or record["run_id"] in n}
+    record |= changes
+    table = make_table([records.from_json(json.dumps(record))])
+    for name, content in (("records", [record]), ("runs", [run]), ("table", table)):
+        files[f"{name}.json"] = json.dumps(content).encode()
+    return files, record, run
+
+
+@pytest.mark.parametrize("how", ["nothing", *MOTIONS])
+def test_the_checker_judges_a_forged_motion_as_the_harness_does(bundle, tmp_path, how):
+    """From its states alone; and a success claimed for one that breaks a law is found, by status and reason alone."""
+    files, record, run = forged(bundle, how)
+    assert check(write(tmp_path / "b.zip", files)) == []
+    if record["status"] in ("wrong", "inaccurate") and run["states"] != "none":
+        files, *_ = forged(bundle, how, status="success", wrong_because="[]")
+        assert "status" in {line[18:56].split()[0] for line in check(write(tmp_path / "b.zip", files))}
+
+
+def of_vector(files, run, change):
+    """Replace the reactions of all steps."""
+    name, (at, shape) = f"series/{run['run_id']}.npy", run["arrays"]["state_reaction"]
+    values = np.frombuffer(files[name], "<f8", offset=128).copy()
+    values[at : at + math.prod(shape)] = change(values[at : at + math.prod(shape)].reshape(shape)).ravel()
+    files[name] = files[name][:128] + values.tobytes()
+
+
+def lower(text):
+    """Of the first invariant the drift is a tenth."""
+    drifts = json.loads(text)
+    first = next(iter(drifts.values()))
+    first["max"] = 0.1 * float(first["max"])
+    return json.dumps(drifts)
+
+
+ONLY = {  # what is edited, and the one comparison that finds it
+    "the defect of the path lowered": ({"kinematic_defect": lambda x: 0.1 * x}, "kinematic_defect"),
+    "the error of reactions lowered": ({"reaction_error_max_N": lambda x: 0.1 * x}, "reaction_error_max_N"),
+    "the size of reactions raised": ({"reaction_size_N": lambda x: 10.0 * x}, "reaction_size_N"),
+    "the error between steps lowered": ({"motion_between_max_m": lambda x: 0.1 * x}, "motion_between_max_m"),
+    "the drift of an invariant lowered": ({"invariant_drifts": lower}, "invariant"),
+}
+
+
+@pytest.mark.parametrize("how", ONLY)
+def test_only_one_law_finds_an_edited_number(bundle, tmp_path, how):
+    """All other numbers of the record stay true."""
+    changes, column = ONLY[how]
+    _, record, _ = forged(bundle, "nothing")
+    files, *_ = forged(bundle, "nothing", **{name: change(record[name]) for name, change in changes.items()})
+    found = check(write(tmp_path / "b.zip", files))
+    assert found and {line[18:56].split()[0] for line in found} == {column}
+
+
+@pytest.mark.parametrize(("cell", "value"), [("success", 2), ("runs", 2), ("least_cpu_s", 1e-9), ("solver", "rattle")])
+def test_a_cell_of_the_table_is_found(bundle, tmp_path, cell, value):
+    """With new digests, and true records."""
+    files, *_ = forged(bundle, "nothing")
+    table = json.loads(files["table.json"])
+    table[0][cell] = value
+    files["table.json"] = json.dumps(table).encode()
+    if cell == "solver":
+        with pytest.raises(ValueError, match="other rows"):
+            check(write(tmp_path / "b.zip", files))
+    else:
+        (found,) = check(write(tmp_path / "b.zip", files))
+        assert cell in found
+
+
+@pytest.mark.parametrize("where", ["every step", "its largest error"])
+def test_scaled_reactions_are_found(bundle, tmp_path, where):
+    """At every step but the one that is reported, by truncation alone; there, by the equations of motion."""
+    files, _, run = forged(bundle, "nothing")
+    if where == "every step":
+        of_vector(files, run, lambda a: 3.0 * a)
+    else:
+        files["runs.json"] = json.dumps([run | {"reaction": [3.0 * x for x in run["reaction"]]}]).encode()
+    columns = {"status", "wrong_because"} if where == "every step" else {"reaction_error_max_N"}
+    assert {line[18:56].split()[0] for line in check(write(tmp_path / "b.zip", files))} == columns
+
+
+def test_dropped_steps_are_found(bundle, tmp_path):
+    """Every other step is left out of the states: the path and its defect are not those of the record."""
+    files, _, run = forged(bundle, "nothing")
+    name, place = f"runs/{run['run_id']}.npy", run["arrays"]["state_reaction"]
+    stream = io.BytesIO()
+    np.save(stream, np.load(io.BytesIO(files[name]))[:, ::2])
+    files[name] = stream.getvalue()
+    of_vector(files, run, lambda a: a)
+    run["arrays"]["state_reaction"] = [place[0], [(place[1][0] + 1) // 2, place[1][1]]]
+    files["runs.json"] = json.dumps([run]).encode()
+    assert "kinematic_defect" in {line[18:56].split()[0] for line in check(write(tmp_path / "b.zip", files))}
