@@ -56,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _explain(error: Exception) -> tuple[int, str]:
     """Exit code and words of an error that is the user's, or the machine's; any other is raised."""
-    if isinstance(error, ValueError):  # UsageError, SuiteError, StoreError, and those of the registry
+    if isinstance(error, ValueError):  # UsageError, FileError, and those of the registry
         return 2, str(error)
     if isinstance(error, OSError):  # a full disk, a folder that may only be read, a name too long, a link in results
         where = f"{error.filename}: " if error.filename is not None else ""

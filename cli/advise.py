@@ -17,11 +17,7 @@ from ..harness.results.records import RunRecord
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.suite import Suite
 from ..harness.types import Problem
-from .arguments import (
-    UsageError,
-    count_jobs,
-    load_problem,
-)
+from .arguments import UsageError, count_jobs, load_problem
 from .progress import run_watched
 from .terminal import Column, number, print_json, print_table, status_style
 
@@ -98,14 +94,7 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
             print_json(plain)
         setting = f"{c.control}={c.setting(r):g}"
         factor = number(cost_of(r)[0] / cost_of(best)[0], 2) if c.best and best else ""
-        cells = (
-            setting,
-            number(r.motion_error_judged_m),
-            number(r.cpu_median_s, 2),
-            factor,
-            str(r.steps),
-            c.why_not,
-        )
+        cells = (setting, number(r.motion_error_judged_m), number(r.cpu_median_s, 2), factor, str(r.steps), c.why_not)
         rows.append((Text(c.solver, "" if c.best else status_style(r.status)), *cells))
     if not as_json:
         below = f"cheapest: {best.case}" if best else "no solver meets it"

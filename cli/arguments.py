@@ -30,6 +30,11 @@ def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems
     p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help=f"{words}; may be repeated")
 
 
+def add_file(p: argparse.ArgumentParser, *names: str, words: str, metavar: str = "FILE", **how: Any) -> None:
+    """An option of a file to write."""
+    p.add_argument(*names, type=writable_file, metavar=metavar, help=words, **how)
+
+
 def add_problem(p: argparse.ArgumentParser) -> None:
     """The argument PROBLEM, and the options --problem-set and --t-end."""
     words = "name of a problem (see mbsbench list), or an MJCF, URDF, SDFormat or USD file (docs/your-own-problem.md)"
@@ -137,8 +142,9 @@ def count_jobs(given: int | None) -> int:
     return given or cores
 
 
-def check_writable(out: Path) -> None:
-    """Before the run, so that an hour of computing is not lost to a folder that does not exist."""
+def writable_file(given: str) -> Path:
+    """A file that can be written: known before the run, so that no hour of computing is lost to a missing folder."""
+    out = Path(given)
     probe = out.parent / f".{out.name}.{os.getpid()}.probe"
     try:
         if out.is_dir():
@@ -148,3 +154,4 @@ def check_writable(out: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise UsageError(f"cannot write {out}: {error.strerror or error}") from None
+    return out

@@ -1,23 +1,21 @@
 """``bundle``: a results folder as one file that anybody can check."""
 
 import argparse
-from pathlib import Path
 
 from ..harness.bundle.archive import write_archive
 from ..harness.bundle.contents import list_contents
 from ..harness.results import store
-from .arguments import UsageError, check_writable
+from .arguments import UsageError
 from .terminal import console, plural, print_json, print_unreadable
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the bundle; return 1 if a record could not be read and is left out, else 0."""
-    folder, out = arguments.results, Path(arguments.out)
+    folder, out = arguments.results, arguments.out
     loaded = store.load(folder)
     records = store.newest(loaded.records)
     if not records:
         raise UsageError(f"{folder} holds no results")
-    check_writable(out)
     files = write_archive(out, list_contents(folder, records, lossless=arguments.lossless))
     size = out.stat().st_size
     if arguments.json:

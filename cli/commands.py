@@ -8,6 +8,7 @@ from ..harness.foreign.conventions import CHOICES, Reading
 from ..harness.results.rows import METRICS
 from .arguments import (
     RESULTS,
+    add_file,
     add_jobs,
     add_plugin,
     add_problem,
@@ -118,7 +119,7 @@ def _add_try(commands: Any) -> None:
     budget = "CPU time of everything, compilation too [s] (default: 180)"
     p.add_argument("--budget", type=positive_float, default=180.0, metavar="S", help=budget)
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
-    p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
+    add_file(p, "--html", words="also write all lines and charts to one HTML page")
     p.add_argument("--no-report", action="store_true", help="leave out the page")
     add_plugin(p, "file whose problems are run too")
     add_jobs(p)
@@ -153,7 +154,7 @@ def _add_ensemble(commands: Any) -> None:
     p.add_argument("--seed", type=positive_int, default=SEED, metavar="K", help=f"random seed (default: {SEED})")
     add_set(p, "--set", f"{', '.join(CONTROL)} of the solvers that take it")
     p.add_argument("--truth", default=TRUTH, metavar="NAME", help=f"error-controlled true solver (default: {TRUTH})")
-    p.add_argument("--html", metavar="FILE", help="also write scores, clouds and rank histograms to one HTML page")
+    add_file(p, "--html", words="also write scores, clouds and rank histograms to one HTML page")
     add_plugin(p)
     add_jobs(p)
 
@@ -218,7 +219,7 @@ def _add_shadow(commands: Any) -> None:
     p.add_argument("--t-end", type=positive_float, metavar="T", help="look no farther than this time [s]")
     results = f"{RESULTS} with the run, which is repeated (default: the newest)"
     p.add_argument("--results", default="latest", metavar="RESULTS", help=results)
-    p.add_argument("--html", metavar="FILE", help="also write findings and distances over time to one HTML page")
+    add_file(p, "--html", words="also write findings and distances over time to one HTML page")
     _add_reading(p)
     add_plugin(p)
 
@@ -227,7 +228,7 @@ def _add_export(commands: Any) -> None:
     p = subcommand(commands, "export", "print a problem with all its numbers, for any other code")
     add_problem(p)
     p.add_argument("--format", choices=("json",), default="json", help="see docs/your-own-solver.md (default: json)")
-    p.add_argument("--out", metavar="FILE", help="file to write (default: print)")
+    add_file(p, "--out", words="file to write (default: print)")
     add_plugin(p)
 
 
@@ -268,8 +269,8 @@ def _add_gate(commands: Any) -> None:
     p.add_argument("--spread", type=int, metavar="N", help=spread)
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
     p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
-    p.add_argument("--junit", metavar="FILE", help="write the result as JUnit XML")
-    p.add_argument("--markdown", metavar="FILE", help="write failed and moved thresholds as Markdown")
+    add_file(p, "--junit", words="write the result as JUnit XML")
+    add_file(p, "--markdown", words="write failed and moved thresholds as Markdown")
     add_running(p)
 
 
@@ -302,7 +303,7 @@ def _add_bundle(commands: Any) -> None:
     words = "write results to one file that anybody can check without this package; exit code 1 if a record is damaged"
     p = subcommand(commands, "bundle", words, "one object")
     add_results(p)
-    p.add_argument("-o", "--out", required=True, metavar="B.zip", help="file to write, as docs/bundle.md says")
+    add_file(p, "-o", "--out", words="file to write, as docs/bundle.md says", metavar="B.zip", required=True)
     lossless = "all states and series that the results hold, not only those that decide on the status"
     p.add_argument("--lossless", action="store_true", help=lossless)
 
@@ -329,7 +330,7 @@ def _add_history(commands: Any) -> None:
     p.add_argument("--metric", default="energy_drift_max_J", metavar="NAME", help=f"one of {', '.join(METRICS)}")
     p.add_argument("--problem", metavar="NAME", help="only this problem")
     p.add_argument("--solver", metavar="NAME", help="only this solver")
-    p.add_argument("--write", metavar="FILE.jsonl", help="write the rows to a file, e.g. in results/history/")
+    add_file(p, "--write", words="write the rows to a file, e.g. in results/history/", metavar="FILE.jsonl")
 
 
 def _add_figures(commands: Any) -> None:

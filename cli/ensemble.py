@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 
 from rich.text import Text
 
@@ -13,7 +12,7 @@ from ..harness.ensemble.verdict import ALL_C, NO_DIFFERENCE, Comparison, compare
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.spec import step_control
 from ..harness.types import Problem
-from .arguments import UsageError, check_writable, count_jobs, load_problem, parse_assignments, positive_float
+from .arguments import UsageError, count_jobs, load_problem, parse_assignments, positive_float
 from .commands import CONTROL
 from .terminal import Column, error_console, number, plural, print_json, print_table
 
@@ -38,8 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
     truth = _prefer_own_code(problem, _make_code(problem, arguments.truth, {"rtol": str(TRUE_RTOL)}))
     if truth.control.rtol is None:
         raise UsageError(f"--truth must be controlled by rtol ({arguments.truth} is controlled by dt)")
-    if arguments.html:
-        check_writable(Path(arguments.html))
     times = [positive_float(t, "--at") for t in arguments.at.split(",")] if arguments.at else []
     e = make_ensemble(problem, arguments.spread, arguments.seed, times or (0.5 * problem.t_end, problem.t_end))
     n, jobs = arguments.starts, count_jobs(arguments.jobs)
@@ -53,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         from ..reports.ensemble import Scored, write_page
 
         title = f"{name}: {plural(n, 'start')}, spread {arguments.spread:g}"
-        write_page(Path(arguments.html), title, e, (same, other), [
+        write_page(arguments.html, title, e, (same, other), [
             Scored(cloud, rows, verdict) for cloud, rows, verdict in zip(clouds, found[1:], verdicts[1:], strict=True)
         ], perfect)  # fmt: skip
         error_console().print(f"page: {arguments.html}")

@@ -1,12 +1,11 @@
 """``export``: a problem with all its numbers, for a code that is to solve it."""
 
 import argparse
-from pathlib import Path
 
 from ..harness.files import to_json, write_text
 from ..harness.foreign.description import describe_problem
 from ..harness.sandbox.trial import make_problem
-from .arguments import check_writable, load_problem
+from .arguments import load_problem
 from .terminal import console
 
 
@@ -17,6 +16,5 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         console().print(text)
         return 0
-    check_writable(Path(arguments.out))
-    write_text(Path(arguments.out), text + "\n")
+    write_text(arguments.out, text + "\n")
     return 0

@@ -30,14 +30,7 @@ from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite, load_suite
-from .arguments import (
-    UsageError,
-    check_not_installed,
-    check_writable,
-    count_jobs,
-    find_results,
-    load_plugins,
-)
+from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
 from .progress import run_watched
 from .terminal import console, print_json
@@ -48,7 +41,8 @@ COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#",
 def run(arguments: argparse.Namespace) -> int:
     """Judge the runs, or propose thresholds; return 1 if the gate is closed, else 0."""
     for file in filter(None, (arguments.junit, arguments.markdown)):
-        _clear(Path(file))
+        if file.is_file() and not file.is_symlink():
+            file.unlink()  # interrupted, this gate must not be taken for an earlier one
     arguments.results = arguments.results and find_results(arguments.results)
     if arguments.any_code and not arguments.results:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
@@ -87,18 +81,11 @@ def run(arguments: argparse.Namespace) -> int:
         _print(result, everything=arguments.all)
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
-            write_text(Path(file), made(result, suite.name))
+            write_text(file, made(result, suite.name))
     worst = {f.subject: STATES[f.verdict] for f in reversed(result.findings)}  # the worst come first
     with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
         write_rows(store.LOCAL / GATES / f"{name}.jsonl", make_rows(name, stamp, judged, worst))
     return 0 if result.is_open else 1
-
-
-def _clear(file: Path) -> None:
-    """Remove the result of an earlier gate: if this one is interrupted, it must not be taken for its own."""
-    check_writable(file)
-    if file.is_file() and not file.is_symlink():
-        file.unlink()
 
 
 def _files(arguments: argparse.Namespace) -> Suite | None:

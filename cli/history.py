@@ -10,7 +10,7 @@ from ..harness.catalogue.options import nearest
 from ..harness.files import FileError
 from ..harness.results.history import find_histories, merge_rows, read_folder, read_rows, write_rows
 from ..harness.results.rows import METRICS, Row
-from .arguments import UsageError, check_writable, find_results
+from .arguments import UsageError, find_results
 from .terminal import Column, error_console, number, plural, print_json, print_table, sparkline
 
 COLUMNS = (
@@ -25,13 +25,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Print one line per run; 1 if something could not be read."""
     if arguments.metric not in METRICS:
         raise UsageError(f"unknown metric {arguments.metric!r}{nearest(arguments.metric, list(METRICS))}")
-    if arguments.write:
-        check_writable(Path(arguments.write))
     rows, unreadable = _load_rows(arguments.source)
     problem, solver = arguments.problem, arguments.solver
     rows = [r for r in rows if problem in (None, "", r.problem) and solver in (None, "", r.solver)]
     if arguments.write:
-        write_rows(Path(arguments.write), rows)
+        write_rows(arguments.write, rows)
     if arguments.json:
         for row in rows:
             print_json(row)

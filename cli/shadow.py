@@ -15,7 +15,7 @@ from ..harness.shadow.findings import describe_energy, describe_shadow
 from ..harness.shadow.modified_energy import find_modified_energy
 from ..harness.shadow.shadow import find_shadow
 from ..harness.types import Problem, Trajectory
-from .arguments import UsageError, check_writable, find_results, load_plugins, load_problem
+from .arguments import UsageError, find_results, load_plugins, load_problem
 from .findings import print_findings
 from .referee import parse_settings
 from .show import find_run
@@ -25,8 +25,6 @@ from .verify import rebuild_spec
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the findings; return 0 where a shadow is found over the whole time within a tenth of the reach, else 1."""
-    if arguments.html:
-        check_writable(Path(arguments.html))
     title, problem, trajectory = _read_motion(arguments)
     shadow = find_shadow(problem, trajectory, arguments.t_end)
     found = describe_shadow(shadow)
@@ -36,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.html:
         from ..reports.shadow import write_page
 
-        write_page(Path(arguments.html), title, found, problem.system.body_names, shadow)
+        write_page(arguments.html, title, found, problem.system.body_names, shadow)
         if not arguments.json:
             console().print(f"page: {arguments.html}")
     return 0 if good else 1

@@ -12,12 +12,11 @@ from rich.console import Console
 from rich.text import Text
 
 from ..harness.catalogue.options import nearest
-from ..harness.files import printable
+from ..harness.files import FileError, printable
 from ..harness.results import records, store
 from ..harness.results.provenance import stamp_of
 from ..harness.results.records import COLUMNS, RunRecord, reasons_of
 from ..harness.results.reproduce import write_command
-from ..harness.results.series import BadSeries
 from ..harness.results.store import Unreadable
 from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
 from ..harness.types import Status
@@ -85,10 +84,7 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
 
 
 def _list_settings(r: RunRecord) -> dict[str, str]:
-    out = {
-        "problem": _assign(r.problem, r.problem_parameters),
-        "solver": _assign(r.solver, r.solver_options),
-    }
+    out = {"problem": _assign(r.problem, r.problem_parameters), "solver": _assign(r.solver, r.solver_options)}
     for name in SETTINGS:
         value = getattr(r, name)
         if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):
@@ -104,7 +100,7 @@ def _print_series(out: Console, folder: Path, record: RunRecord) -> None:
     _print_heading(out, f"Over time, 0 to {record.t_end_s:g} s (one bar is a factor of ten; * marks where it stopped)")
     try:
         series = store.series_of(folder, record)
-    except BadSeries as error:
+    except FileError as error:
         out.print(Text(f"  unreadable: {error}"))
         return
     if series is None:
@@ -201,7 +197,7 @@ def _draw_energy(folder: Path, record: RunRecord, unreadable: list[Unreadable]) 
     """The energy error over time."""
     try:
         series = store.series_of(folder, record)
-    except BadSeries as error:
+    except FileError as error:
         unreadable.append(Unreadable(folder / record.series, str(error)))
         return ""
     return "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)

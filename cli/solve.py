@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from ..harness.catalogue import registry
@@ -15,13 +14,7 @@ from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import make_spec
 from ..harness.types import Status
-from .arguments import (
-    UsageError,
-    check_writable,
-    load_problem,
-    parse_assignments,
-    positive_float,
-)
+from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
 from .commands import CONTROL
 from .terminal import console, error_console
 
@@ -39,10 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
     wall = None if limit is None else positive_float(limit, "cpu_limit")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
-    out = Path(arguments.out or f"{name}-{arguments.solver}.npz")
+    out = writable_file(arguments.out or f"{name}-{arguments.solver}.npz")
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {str(out)!r})")
-    check_writable(out)
     from ..harness.execution import solve_file
 
     output = console()
@@ -75,11 +67,7 @@ def as_plain(r: RunRecord) -> dict[str, Any]:
 
     numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
     unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}
-    return {
-        **_jsonable(numbers),
-        **unpacked,
-        "reasons": [_jsonable(x) for x in json.loads(r.wrong_because)],
-    }
+    return {**_jsonable(numbers), **unpacked, "reasons": [_jsonable(x) for x in json.loads(r.wrong_because)]}
 
 
 def _jsonable(numbers: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,13 +1,12 @@
 """``submit``: a solver on hidden instances, and the bundle of its results."""
 
 import argparse
-from pathlib import Path
 
 from ..harness.execution.runner import new_folder
 from ..harness.ladder.bundling import read_entry, write_bundle
 from ..harness.ladder.ranking import rank_entries
 from ..harness.ladder.submission import read_submission, run_submission
-from .arguments import check_writable
+from .arguments import writable_file
 from .terminal import console, error_console, print_json
 
 UNFENCED = (
@@ -18,8 +17,7 @@ UNFENCED = (
 def run(arguments: argparse.Namespace) -> int:
     """Run it and write the bundle; return 1 if a success was claimed falsely or nothing is solved, else 0."""
     submission = read_submission(arguments.submission)
-    out = Path(arguments.out or f"{submission.name}.zip")
-    check_writable(out)
+    out = writable_file(arguments.out or f"{submission.name}.zip")
     if not submission.fenced:
         error_console().print(UNFENCED)
     folder = new_folder(f"submit-{submission.name}")

@@ -14,12 +14,7 @@ from ..harness.results.records import RunRecord
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
 from ..harness.types import EndedBy
-from .arguments import (
-    UsageError,
-    check_writable,
-    count_jobs,
-    load_plugins,
-)
+from .arguments import UsageError, count_jobs, load_plugins
 from .check import resolve_entries
 from .findings import print_findings
 from .progress import run_watched
@@ -36,8 +31,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"try takes a file with one solver (got {', '.join(own) or 'none'} in {arguments.file})")
     (solver,) = own
     plugins += load_plugins(arguments.plugin)
-    if arguments.html:
-        check_writable(Path(arguments.html))
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
 
     def run_stage(specs: Sequence[RunSpec], rest: float, resume: bool) -> Sequence[RunRecord] | None:
@@ -72,7 +65,7 @@ def _write_pages(arguments: argparse.Namespace, folder: Path, *tried: Any) -> It
     if arguments.html:
         from ..reports.tried import Tried, write_page
 
-        write_page(Path(arguments.html), folder, Tried(*tried))
+        write_page(arguments.html, folder, Tried(*tried))
         yield f"page: {arguments.html}"
     if arguments.no_report:
         yield f"results: {folder}"

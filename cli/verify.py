@@ -16,11 +16,7 @@ from ..harness.results.reproduce import REFEREED, control_of
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.spec import RunSpec, make_spec
 from ..harness.suites.suite import Suite
-from .arguments import (
-    UsageError,
-    count_jobs,
-    load_plugins,
-)
+from .arguments import UsageError, count_jobs, load_plugins
 from .diff import show_comparison
 from .progress import run_watched
 from .terminal import console, print_unreadable

@@ -19,34 +19,34 @@ class FileError(ValueError):
     """A file that cannot be used; the message is one line with the place."""
 
 
-def read_text(path: Path | Place, what: str, error: type[ValueError] = FileError) -> str:
+def read_text(path: Path | Place, what: str) -> str:
     """The text of ``path``; ``what`` says in the message what it should hold. NotOwn for a place that is a link."""
     try:
         return path.read(LARGEST).decode() if isinstance(path, Place) else path.read_text(encoding="utf-8")
     except NotOwn:
         raise
     except (OSError, ValueError) as e:
-        raise error(f"cannot read {what} {path}: {getattr(e, 'strerror', None) or e}") from None
+        raise FileError(f"cannot read {what} {path}: {getattr(e, 'strerror', None) or e}") from None
 
 
-def parse_toml(text: str, where: str, error: type[ValueError] = FileError) -> dict[str, Any]:
+def parse_toml(text: str, where: str) -> dict[str, Any]:
     """The tables in ``text``; ``where`` names it in messages."""
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise error(f"{where}: nested too deeply") from None
+        raise FileError(f"{where}: nested too deeply") from None
     except ValueError as e:  # huge integers raise ValueError, not TOMLDecodeError
-        raise error(f"{where}: {e}") from None
+        raise FileError(f"{where}: {e}") from None
 
 
-def parse_json(text: str | bytes, where: str, error: type[ValueError] = FileError) -> Any:
+def parse_json(text: str | bytes, where: str) -> Any:
     """The JSON value in ``text``; NaN, Infinity and numbers beyond float64 are no JSON."""
     try:
         return msgspec.json.decode(text)
     except RecursionError:
-        raise error(f"{where}: nested too deeply") from None
+        raise FileError(f"{where}: nested too deeply") from None
     except ValueError as e:
-        raise error(f"{where}: not JSON: {e}") from None
+        raise FileError(f"{where}: not JSON: {e}") from None
 
 
 def to_json(value: Any, *, indent: int = 0) -> str:

@@ -37,15 +37,15 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Content of a file: typed, read-only, with no key but the fields."""
 
 
-def shaped(plain: Any, kind: type[T], where: str, error: type[ValueError] = FileError) -> T:
-    """``plain`` (tables, lists, numbers, text) as ``kind``, or ``error`` with the place below ``where``."""
+def shaped(plain: Any, kind: type[T], where: str) -> T:
+    """``plain`` (tables, lists, numbers, text) as ``kind``, or FileError with the place below ``where``."""
     try:
         return msgspec.convert(plain, kind)
     except msgspec.ValidationError as e:
         said = _find_fault(plain, kind, str(e))
     except RecursionError:
         said = ["nested too deeply"]
-    raise error(": ".join([where, *said])) from None
+    raise FileError(": ".join([where, *said])) from None
 
 
 def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:

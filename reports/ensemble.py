@@ -2,19 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ..harness.ensemble.clouds import Cloud, Ensemble
 from ..harness.ensemble.verdict import Comparison
+from ..harness.files import write_text
 from ..harness.results import environment
 from .model.words import number
 from .plots.palette import looks
-from .plots.printed import figure
 from .plots.spec import Axis, Plot, Trace
-from .tried import Chart, image_of, write_file
+from .tried import draw_chart, render_file
 
 TRUE = "truth"
 SHARES = ((0.05, 0.95), (0.25, 0.75))  # quantiles of the bands, one over the other
@@ -45,12 +44,13 @@ def write_page(
     moving = [i for i in range(len(e.observables)) if spread[i] > 1e-9 * (1.0 + spread.max())][:DRAWN]
     own = looks(s.cloud.code.name for s in scored)
     charts = [
-        Chart(caption, image_of(partial(figure, plots, own, columns=2)))
+        draw_chart(caption, plots, own)
         for s in scored for caption, plots in _plots(e, true[1], s, moving)
     ]  # fmt: skip
     rows = sorted([*perfect, *(c for s in scored for c in s.rows)], key=lambda c: (c.t_s, c.quantity))
     stamp = f"Commit {environment.commit()[:12] or 'not recorded'}."
-    write_file(path, "ensemble.html", title=title, scored=scored, rows=rows, charts=charts, number=number, stamp=stamp)
+    values = {"scored": scored, "rows": rows, "charts": charts, "number": number, "stamp": stamp}
+    write_text(path, render_file("ensemble.html", title=title, **values))
 
 
 def _plots(e: Ensemble, true: Cloud, s: Scored, moving: Sequence[int]) -> Iterator[tuple[str, list[Plot]]]:

@@ -2,26 +2,22 @@
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader
 
 from ..harness.files import write_text
 from ..harness.ladder.ranking import TARGET, Row
 from .plots.palette import looks
-from .plots.printed import figure
 from .plots.spec import Axis, Plot, Trace
-from .tried import TEMPLATES, image_of
+from .tried import draw_chart, render_file
 
 
 def write_page(path: Path, rows: Sequence[Row]) -> None:
     """Write ``path``: the table of ``rows``, and error against CPU time."""
-    environment = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True)
-    environment.filters["seconds"] = show_seconds
-    image = image_of(partial(figure, [_plot(rows)], looks(r.solver for r in rows), columns=1))
-    write_text(path, environment.get_template("ladder.html").render(rows=rows, target=TARGET, image=image))
+    chart = draw_chart("", [_plot(rows)], looks(r.solver for r in rows), columns=1)
+    page = render_file("ladder.html", rows=rows, target=TARGET, image=chart.image, seconds=show_seconds)
+    write_text(path, page)
 
 
 def _plot(rows: Sequence[Row]) -> Plot:

@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader
 from matplotlib.figure import Figure
 
 from ..harness.places import Place
@@ -23,6 +22,7 @@ from .plots.printed import figure
 from .plots.spec import Plot, Trace
 from .plots.style import DOUBLE, SINGLE, save
 from .plots.work import PAIRS, recorded, work_plots
+from .tried import render_file
 
 FOLDER = "publication"
 SUFFIXES = ("pdf", "svg")
@@ -31,7 +31,6 @@ HEAT = (
     "Largest error over its limit: energy, constraints and motion of each solver at its finest step or tolerance. "
     "≈ inaccurate, × false success, ★ stopped at that part of the time."
 )
-TEMPLATES = Path(__file__).parent / "templates"
 MOST = 14  # lines in one figure; more are parted by solver
 LEAST = 2  # runs of a problem: with fewer there is nothing to compare
 MAP = 2 * MOST  # runs of one label: with more it is a map of settings, for tables and work alone
@@ -81,8 +80,8 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
         tell(f"{variant.title}: {len(variant.runs)} runs{left}")
     (out / "captions.json").write(json.dumps(captions, indent=1, ensure_ascii=False))
     names = {f"{p.slug}/{p.slug}": p.title for p in variants}
-    page = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("publication.html")
-    (out / "index.html").write(page.render(figures=captions, tables=names, title=results.folder.name))
+    page = render_file("publication.html", figures=captions, tables=names, title=results.folder.name)
+    (out / "index.html").write(page)
     return files
 
 

@@ -1,19 +1,18 @@
 """The page of ``mbsbench shadow``: findings, and how far the computed motion is from the true one over time."""
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
+from ..harness.files import write_text
 from ..harness.results import environment
 from ..harness.results.findings import Finding
 from ..harness.shadow.shadow import Shadow
 from .plots.palette import Look
-from .plots.printed import figure
 from .plots.spec import Axis, Plot, Trace
-from .tried import Chart, image_of, write_file
+from .tried import draw_chart, render_file
 
 COLOURS = ("#3D62C7", "#62AF96", "#E08906", "#BB3939", "#A499CF")  # of as many bodies
 PATHS = 3  # bodies whose paths are drawn: the first, the middle and the last
@@ -39,15 +38,13 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
     distances = Plot("distance", "Distance of C", "", t, gap, lines)
     paths = Plot("paths", "Paths of C", "", Axis("XYZ"[across], "m"), Axis("XYZ"[up], "m"), curves)
     charts = [
-        Chart(
-            "Distance of each centre of mass from that of the shadow.", image_of(partial(figure, [distances], looks))
-        ),
-        Chart("Paths of centres of mass: computed, and true (dashed).", image_of(partial(figure, [paths], looks))),
+        draw_chart("Distance of each centre of mass from that of the shadow.", [distances], looks),
+        draw_chart("Paths of centres of mass: computed, and true (dashed).", [paths], looks),
     ]
     stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
     card = SimpleNamespace(facts=())
-    write_file(path, "tried.html", title=title, summary=found[0].measured.text, findings=found, charts=charts,
-               card=card, stamp=stamp)  # fmt: skip
+    facts = {"summary": found[0].measured.text, "findings": found, "charts": charts, "card": card, "stamp": stamp}
+    write_text(path, render_file("tried.html", title=title, **facts))
 
 
 def _spread(n: int, most: int) -> list[int]:

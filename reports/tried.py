@@ -3,7 +3,7 @@
 import base64
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader
-from matplotlib.figure import Figure
 
 from ..harness.files import write_text
 from ..harness.places import Place
@@ -27,7 +26,7 @@ from .pages.judgement import links_of
 from .pages.runs.card import card_of
 from .plots.laws import Drawing, laws
 from .plots.lines import all_lines, shared_options
-from .plots.palette import looks
+from .plots.palette import Look, looks
 from .plots.printed import figure
 from .plots.spec import Plot, Trace
 from .plots.style import save
@@ -61,36 +60,31 @@ def write_page(path: Path, folder: Path, found: Tried) -> None:
     charts = list(_charts(results, found.orders))
     follow = [f for variant in results.variants for f in followed(variant)]
     card = card_of(found.solver, found.orders, (), follow, of_most_problems(frontiers(results)))
-    write_file(path, "tried.html", **vars(found), card=card, charts=charts, stamp=stamp(results))
+    write_text(path, render_file("tried.html", **vars(found), card=card, charts=charts, stamp=stamp(results)))
 
 
-def write_file(path: Path, template: str, **values: Any) -> None:
+def render_file(template: str, **values: Any) -> str:
     """A page that is one file, charts included."""
-    environment = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True)
-    write_text(path, environment.get_template(template).render(**values))
+    return Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template(template).render(**values)
 
 
 def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
-    own = looks(results.solvers)
-
-    def chart(plots: Sequence[Plot], caption: str) -> Chart:
-        return Chart(caption, image_of(partial(figure, plots, own, columns=2)))
-
+    chart = partial(draw_chart, looks=looks(results.solvers))
     for title, ladder in grouped(orders, lambda o: o.variant).items():
         if plots := _orders(results, ladder):
             words = "observed order: error against step with the fitted line; dashed, the declared order."
-            yield chart(plots, f"{title}: {words}")
+            yield chart(f"{title}: {words}", plots)
     for run in (r for r in results.runs if r.record.label == "long"):
         motions = {run.record.run_id: motion_of(run, results.readable_series(run))}
         found = laws(Drawing([run], all_lines([run], shared_options([run])), motions))
         if found:
-            yield chart(found.plots, f"Over {run.record.t_reached_s:g} s of {run.variant}.")
+            yield chart(f"Over {run.record.t_reached_s:g} s of {run.variant}.", found.plots)
     for variant in results.variants:
         runs = variant.labels().get("ladder", ())
         if runs:
             points = recorded(replace(variant, runs=runs))
             if plots := list(work_plots("work", points, PAIRS).values()):
-                yield chart(plots, f"{variant.title}: work against error. Lower and further left is better.")
+                yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
 
 
 def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
@@ -107,8 +101,9 @@ def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
     return plots
 
 
-def image_of(draw: Callable[[], Figure]) -> str:
-    """The address of a figure as an image that the page contains."""
+def draw_chart(caption: str, plots: Sequence[Plot], looks: Mapping[str, Look], columns: int = 2) -> Chart:
+    """Plots as one image."""
     with tempfile.TemporaryDirectory() as place:
+        draw = partial(figure, plots, looks, columns=columns)
         (file,) = save(draw, Place(Path(place)), "chart", ("svg",))
-        return "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()
+        return Chart(caption, "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode())

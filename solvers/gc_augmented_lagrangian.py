@@ -15,7 +15,7 @@ import numpy as np
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.clock import cpu_seconds
-from ..harness.types import Problem, StepControl, Trajectory
+from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.methods.choices import GaugeChoices, Penalty
 from .formulations.methods.gc_weak_form import integrate_weak_form
 from .formulations.methods.passages import passages
@@ -65,6 +65,8 @@ class GcAugmentedLagrangian(GaugeChoices):
         """Only incompatible options."""
         if self.loop != "nested" and (self.lambda_bar or self.penalty_growth > 1.0):
             return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
+        if self.loop == "nested" and self.code == "mechanism":
+            return "the nested loop is not the simplified method's: use code = kernel"
         return self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
@@ -84,9 +86,11 @@ class GcAugmentedLagrangian(GaugeChoices):
         settings = self.settings(problem)._replace(penalty=penalty)
         set_up = cpu_seconds() - began
         out = integrate_weak_form(problem, control, self, settings)
+        if out.status is Status.REFUSED:
+            return out
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
-        notes = [rank, *self.notes(problem)]
+        notes = [*out.notes, rank, *self.notes(problem)]
         if correct:
             notes.append("poses corrected to phi = 0 after every step, which Sect. 4.3 does not do")
         loose = np.flatnonzero(np.nan_to_num(out.diagnostics["penalty"], nan=self.penalty) < self.penalty)

@@ -14,7 +14,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
-from .formulations.ida import Start, integrate
+from .formulations.ida import integrate
 from .formulations.recording import Clock
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
 
@@ -24,15 +24,9 @@ from .formulations.start import consistent, coordinates_and_velocities, layout_f
 class IdaIndex1(BaumgarteOptions):
     """IDA (BDF) on index 1 + Baumgarte, fully implicit or semi-explicit."""
 
-    form: str = option(
-        "fi",
-        "fully implicit (u' in the constraint row) or semi-explicit (M^-1)",
-        choices=("fi", "se"),
-    )
+    form: str = option("fi", "fully implicit (u' in the constraint row) or semi-explicit (M^-1)", choices=("fi", "se"))
 
-    name: ClassVar[str]
     paper_label: ClassVar[str] = "DAE-FI"
-    control: ClassVar[str] = "rtol"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
@@ -40,4 +34,4 @@ class IdaIndex1(BaumgarteOptions):
         y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
         form = self.implicit(layout, self.form, self.alpha, self.beta)
         out_of_test = () if self.lambda_in_error_test else (layout.lam,)
-        return integrate(problem, control, layout, form, Start(y, y_dot, out_of_test), notes, clock)
+        return integrate(problem, control, layout, form, y, y_dot, out_of_test, notes, clock)

@@ -9,7 +9,6 @@ test, whose estimates for them do not vanish with the step at index 2; positions
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
-from .formulations.ida import Start, integrate
+from .formulations.ida import integrate
 from .formulations.layout import Stabilised
 from .formulations.recording import Clock
 from .formulations.refusals import without_phi
@@ -34,10 +33,6 @@ class IdaIndex2(ImplicitOptions):
     )
     alpha: float = option(5.0, "alpha of form velocity: A u + alpha phi", "1/s", at_least=0.0)
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
-
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
-    control: ClassVar[str] = "rtol"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """An alpha that would do nothing, rows without phi in form ggl, and what all these solvers refuse."""
@@ -56,5 +51,5 @@ class IdaIndex2(ImplicitOptions):
             y, y_dot = (np.concatenate((part, np.zeros(layout.k))) for part in (y, y_dot))
             multipliers.append(stabilised.eta)
         form = self.implicit(layout, "both" if self.form == "ggl" else "velocity", self.alpha, 0.0)
-        start = Start(y, y_dot, () if self.lambda_in_error_test else tuple(multipliers))
-        return integrate(problem, control, layout, form, start, notes, clock)
+        out_of_test = () if self.lambda_in_error_test else tuple(multipliers)
+        return integrate(problem, control, layout, form, y, y_dot, out_of_test, notes, clock)

@@ -14,7 +14,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
-from .formulations.ida import Start, integrate
+from .formulations.ida import integrate
 from .formulations.recording import Clock
 from .formulations.refusals import without_phi
 from .formulations.start import consistent, coordinates_and_velocities, layout_for
@@ -31,9 +31,7 @@ class IdaIndex3(ImplicitOptions):
         1e-5, "first step; 0 lets IDA choose, so small that rounding in phi/h^2 swamps Newton", "s", at_least=0.0
     )
 
-    name: ClassVar[str]
     paper_label: ClassVar[str] = "IDA index 3 (ADAMS/MotionSolve class)"
-    control: ClassVar[str] = "rtol"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Rows without phi, and what all these solvers refuse."""
@@ -45,5 +43,7 @@ class IdaIndex3(ImplicitOptions):
         form = self.implicit(layout, "position", 0.0, 0.0)
         velocities = () if self.velocities_in_error_test else (layout.u,)
         multipliers = () if self.lambda_in_error_test else (layout.lam,)
-        start = Start(y, y_dot, (*velocities, *multipliers), self.first_step)
-        return integrate(problem, control, layout, form, start, notes, clock)
+        return integrate(
+            problem, control, layout, form, y, y_dot, (*velocities, *multipliers), notes, clock,
+            first_step=self.first_step,
+        )  # fmt: skip

@@ -32,10 +32,10 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
-from .formulations.ida import OUT_OF_TEST
+from .formulations.ida import tolerances
 from .formulations.layout import Layout
 from .formulations.newton import Scheme, maximum, ndf_newton, root_mean_square
-from .formulations.recording import Clock, StepFailure, march, trajectory
+from .formulations.recording import Clock, StepFailure, march
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
 
 
@@ -55,9 +55,7 @@ class NdfIndex1(BaumgarteOptions):
         choices=("rms", "max"),
     )
 
-    name: ClassVar[str]
     paper_label: ClassVar[str] = "DAE-SE"
-    control: ClassVar[str] = "rtol"
     scheme: ClassVar[Scheme] = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
@@ -66,25 +64,24 @@ class NdfIndex1(BaumgarteOptions):
         y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
         which = "se" if self.accelerations == "eliminated" else "fi"
         form = self.implicit(layout, which, self.alpha, self.beta)
-        atol = np.full(layout.n, control.rtol)
-        if not self.lambda_in_error_test:
-            atol[layout.lam] = OUT_OF_TEST
+        assert control.rtol is not None  # the catalogue has seen to it
+        atol = tolerances(control.rtol, layout.n, () if self.lambda_in_error_test else (layout.lam,))
         norm = root_mean_square if self.norm == "rms" else maximum
         keep = self.accelerations != "mass_matrix"  # F = E(y) y' - f(y): without y', what is left of dF/dy is -df/dy
         ndf = self.scheme.on(form, (y, y_dot), problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
-        setup_time = clock.restart()
-        start = 0.0, y, layout.all_rows(y[layout.lam])
-        with np.errstate(all="ignore"):
-            done = march(lambda: _step(ndf, layout), start, layout, problem.t_end, control, clock)
-        cpu_time = clock.cpu_time()
-        counters = {
-            "evaluations": ndf.nfev + form.difference_evaluations,
-            "jacobians": ndf.njev,
-            "factorisations": ndf.nlu,
-            "linear_solves": ndf._nlusove,  # scipy_dae's only count of Newton iterations
-            "difference_evaluations": form.difference_evaluations,
-        }
-        return trajectory(layout, done, counters, notes, cpu_time=cpu_time, setup_time=setup_time)
+
+        def count(steps: int) -> dict[str, int]:
+            return {
+                "evaluations": ndf.nfev + form.difference_evaluations,
+                "jacobians": ndf.njev,
+                "factorisations": ndf.nlu,
+                "linear_solves": ndf._nlusove,  # scipy_dae's only count of Newton iterations
+                "difference_evaluations": form.difference_evaluations,
+            }
+
+        return march(
+            problem, control, layout, clock, lambda: _step(ndf, layout), y, layout.all_rows(y[layout.lam]), count, notes
+        )
 
 
 def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:

@@ -22,9 +22,7 @@ from .ndf_index1 import NdfIndex1
 class RadauIndex1(NdfIndex1):
     """Radau IIA of order 5 on semi-explicit index 1 + Baumgarte, error control."""
 
-    name: ClassVar[str]
     paper_label: ClassVar[str] = ""
-    control: ClassVar[str] = "rtol"
     scheme: ClassVar[Scheme] = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:

@@ -30,9 +30,7 @@ class Rk45StrongForm(StrongOptions):
 
     lambda_in_error_test: bool = option(False, "include lam and lam_dot in the local error test")
 
-    name: ClassVar[str]
     paper_label: ClassVar[str] = "ODE-45"
-    control: ClassVar[str] = "rtol"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         return integrate(problem, control, RK45, self, self.lambda_in_error_test, clock=clock)

@@ -9,7 +9,6 @@ for the reaction.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import scipy.integrate as si
 
@@ -28,10 +27,6 @@ class ScipyStrongForm(StrongOptions):
     """A method of scipy on Eq. (65)."""
 
     method: str = option("DOP853", "method of scipy.integrate", choices=tuple(METHODS))
-
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
-    control: ClassVar[str] = "rtol"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         return integrate(problem, control, METHODS[self.method], self, lambda_in_test=False, clock=clock)

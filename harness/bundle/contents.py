@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import exact, parse_json, read_text
+from ..files import FileError, exact, parse_json, read_text
 from ..mechanics.joints import KINDS
 from ..places import Place
 from ..results import store
@@ -65,7 +65,7 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
     yield "records.json", _json([{c.name: exact(getattr(r, c.name)) for c in COLUMNS} for r in records])
     for record in records:
         if not RUN_ID.fullmatch(record.run_id):
-            raise store.StoreError(f"{record.run_id!r} is no id of a run")
+            raise FileError(f"{record.run_id!r} is no id of a run")
         run: dict[str, Any] = {"run_id": record.run_id, "problem": "", "states": "none", "peaks_s": {}, "arrays": {}}
         series = store.series_of(folder, record)
         if series is not None and "state_t" in series:
@@ -94,7 +94,7 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
 
 
 def _check_arrays(record: RunRecord, series: Series) -> None:
-    """StoreError unless states and exact states are there as they should be, and all numbers of the problem."""
+    """FileError unless states and exact states are there as they should be, and all numbers of the problem."""
     nb = len(series["system_mass"]) if "system_mass" in series else -1
     shape = {"t": (), "r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3), "error": ()}
     whole = all(name in series for name in (*NUMBERS, "t", ENERGY)) and bool(
@@ -105,7 +105,7 @@ def _check_arrays(record: RunRecord, series: Series) -> None:
             found = (series.arrays.get(f"{kind}_{name}", np.zeros((0, 0))) for name in names)
             whole &= all(a.shape[1:] == shape[n] and a.dtype == float for n, a in zip(names, found, strict=True))
     if not whole or any(not np.all(np.isfinite(series[name])) for name in NUMBERS):
-        raise store.StoreError(f"the series of run {record.run_id} are not whole: run it again")
+        raise FileError(f"the series of run {record.run_id} are not whole: run it again")
 
 
 def _rows(series: Series) -> dict[str, Array]:

@@ -27,10 +27,6 @@ POSES = ("r", "R", "v", "Omega")
 Words = dict[str, Any]
 
 
-class BadHandover(FileError):
-    """The file does not hold a motion of this problem; the message says why."""
-
-
 class SolverReport(Shape, frozen=True, kw_only=True):
     """All that a solver's process reports beside the arrays."""
 
@@ -87,18 +83,18 @@ def write(path: Path | Place, handed: Handover) -> None:
 def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -> Handover | None:
     """What was handed over for ``system`` by a process that took ``spent`` [s] of CPU; None if nothing was.
 
-    BadHandover if it is not what it must be.
+    FileError if it is not what it must be.
     """
     if not place_of(path).is_own_file():
         return None
     try:
         arrays = dict(read_npz(path, LARGEST))
-        report = shaped(parse_json(str(arrays.pop("report", "")), "report"), SolverReport, "report", BadHandover)
+        report = shaped(parse_json(str(arrays.pop("report", "")), "report"), SolverReport, "report")
         _check_cost(report.cost, spent)
         report = _with_hidden_cost(report, spent)
         return Handover(report, _trajectory(arrays, report, system) if "t" in arrays else None)
     except ValueError as error:
-        raise BadHandover(f"what the solver handed over cannot be used: {error}") from None
+        raise FileError(f"what the solver handed over cannot be used: {error}") from None
 
 
 def _with_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
@@ -121,7 +117,7 @@ def _check_cost(cost: Mapping[str, float | str], spent: float) -> None:
         before = name == "cpu_import_s"  # in the process that forked it
         most = spent + CLOCK if name.startswith("cpu_") and not before else LARGEST
         if not (math.isnan(float(value)) or 0.0 <= float(value) <= most):
-            raise BadHandover(f"{name} = {float(value):.3g} does not fit the {spent:.3g} s of CPU time of its process")
+            raise FileError(f"{name} = {float(value):.3g} does not fit the {spent:.3g} s of CPU time of its process")
 
 
 def _trajectory(arrays: dict[str, np.ndarray], report: SolverReport, system: MultibodySystem) -> Trajectory:
@@ -132,10 +128,10 @@ def _trajectory(arrays: dict[str, np.ndarray], report: SolverReport, system: Mul
     for name, a in arrays.items():
         shape = (nt,) if name.startswith("diag_") else wanted.get(name)
         if a.shape != shape or a.dtype != float:
-            raise BadHandover(f"{name} must be float64 of shape {shape} (got {a.dtype} of shape {a.shape})")
+            raise FileError(f"{name} must be float64 of shape {shape} (got {a.dtype} of shape {a.shape})")
     missing = [k for k in POSES if k not in arrays]
     if missing or report.claimed is None:
-        raise BadHandover(f"{', '.join(missing) or 'the status'} is missing")
+        raise FileError(f"{', '.join(missing) or 'the status'} is missing")
     back = [arrays[f"returned_{k}"] for k in POSES if f"returned_{k}" in arrays]
     cost = report.cost
     return Trajectory(

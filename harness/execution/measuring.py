@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..catalogue import registry
+from ..files import FileError
 from ..metrics.measure import Measured, measure
 from ..metrics.summary import columns
 from ..metrics.verdict import doubts, inaccuracy
@@ -17,7 +18,7 @@ from ..results.series import write_series
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import read_spool
 from ..types import EndedBy, Problem, Reason, Status, Trajectory
-from .handover import BadHandover, Handover, SolverReport, read
+from .handover import Handover, SolverReport, read
 from .job import Job, cut_short, first_line, record_of
 from .kept_series import series_of
 
@@ -72,7 +73,7 @@ def make_problem(job: Job) -> Problem:
 def _read_handover(job: Job, problem: Problem, spent: float) -> Handover | None:
     try:
         return read(job.handover, problem.system, spent)
-    except BadHandover as error:
+    except FileError as error:
         return Handover(SolverReport(by=EndedBy.EXCEPTION, message=str(error)), None)
 
 

@@ -16,9 +16,10 @@ from pathlib import Path
 
 from ..catalogue import registry
 from ..clock import set_keeper
+from ..files import FileError
 from ..places import Place
 from ..results import records, store
-from ..results.records import BadRecord, RunRecord
+from ..results.records import RunRecord
 from ..sandbox.apart import NOWHERE, SLACK, Apart, Ended
 from ..sandbox.isolation import CANNOT_WRITE, PATIENCE, adopt_orphans, end_descendants, limit_process, trim
 from ..types import EndedBy, Problem
@@ -173,7 +174,7 @@ class Run(Apart):
         return unfinished(self.job, late, wall, EndedBy.MEASURE_LIMIT, self.measure_limit), False
 
     def _read(self, sent: str) -> dict[str, RunRecord]:
-        """The records in whole lines; BadRecord where they are not those that a run sends, each once and in order."""
+        """The records in whole lines; FileError where they are not those that a run sends, each once and in order."""
         lines = [line.partition(" ")[::2] for line in sent.split("\n")[:-1]]
         found = {what: records.from_json(text) for what, text in lines if text}
         bare = found.get(MEASURING)
@@ -182,5 +183,5 @@ class Run(Apart):
             or any(r.run_id != self.job.id for r in found.values())
             or (bare is not None and bare.status not in CUT_SHORT)
         ):
-            raise BadRecord("the process of the run sent what is not its record")
+            raise FileError("the process of the run sent what is not its record")
         return found

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import FileError
 from ..mechanics.state import States
 from ..metrics.measure import measure
 from ..metrics.reactions import largest_joint_force
 from ..results.npz import read_npz, write_npz
-from ..results.records import BadRecord, RunRecord, from_json, to_json
+from ..results.records import RunRecord, from_json, to_json
 from ..types import Status, Trajectory
 from .measuring import Outcome
 
@@ -85,7 +86,7 @@ def read_run(path: Path) -> tuple[RunRecord, Trajectory]:
             tuple(json.loads(str(arrays["events"]))), tuple(json.loads(record.notes)),
             record.cpu_median_s, record.setup_s,
         )  # fmt: skip
-    except BadRecord as error:
+    except FileError as error:
         raise ValueError(f"{path} was written by another version of mbsbench ({error}); solve it again") from None
     except KeyError as error:
         raise ValueError(f"{path} is not a file written by solve (it has no {error})") from None

@@ -11,6 +11,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
+from ..files import FileError
 from ..places import Place
 from ..results import codes, environment, store
 from ..results.provisional import files_of, is_provisional
@@ -74,7 +75,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
     suite, folder, total = request.suite, request.folder, request.suite.total_limit
     limit = TimeLimit(total) if total else None
     if not request.resume and (Place(folder) / "runs").names():
-        raise store.StoreError(f"{folder} already holds results; add --resume to continue it, or give another --out")
+        raise FileError(f"{folder} already holds results; add --resume to continue it, or give another --out")
     store.create(folder)
     with store.lock(folder):
         store.remove_partial(folder)
@@ -94,7 +95,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
 
         def ended(job: Job) -> None:
             promised[job.id] = None
-            with contextlib.suppress(store.BadRecord):  # gone already: counted at the end
+            with contextlib.suppress(FileError):  # gone already: counted at the end
                 promised[job.id] = record = store.read_record(store.path_of(folder, job.id))
                 watcher.ended(job, record)
 
@@ -166,7 +167,7 @@ def _provisional(
 def _killed_twice(folder: Path, record: RunRecord) -> bool:
     if record.ended_by != EndedBy.KILLED:
         return False
-    with contextlib.suppress(store.BadRecord):
+    with contextlib.suppress(FileError):
         return store.read_record(Place(folder) / "set_aside" / f"{record.run_id}.json").ended_by == EndedBy.KILLED
     return False
 

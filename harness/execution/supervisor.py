@@ -15,9 +15,10 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..catalogue import registry
+from ..files import FileError
 from ..metrics import compiled
 from ..results import store
-from ..results.records import BadRecord, RunRecord
+from ..results.records import RunRecord
 from ..sandbox.apart import Ended
 from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out
 from .job import Job
@@ -81,7 +82,7 @@ def outcome_of(run: Run, ended: Ended) -> tuple[RunRecord, bool]:
     """The run's ``outcome``; where a solver wrote what is no record into its parent's pipe, that is left out."""
     try:
         return run.outcome(ended)
-    except BadRecord:
+    except FileError:
         return run.outcome(dataclasses.replace(ended, sent=""))
 
 

@@ -19,13 +19,13 @@ import numpy as np
 from ..catalogue import registry
 from ..execution import handover
 from ..execution.contract import repeated_cost
-from ..execution.handover import LARGEST, BadHandover, Handover, SolverReport
+from ..execution.handover import LARGEST, Handover, SolverReport
 from ..execution.job import GRACE, Job, cut_short, unfinished
 from ..execution.measuring import Outcome, judge_handover
 from ..execution.presenting import bring_home
 from ..execution.run import Send, store_outcome
 from ..execution.worker import SOFT
-from ..files import write_text
+from ..files import FileError, write_text
 from ..places import Place
 from ..reference import orbit
 from ..results import codes, environment, records, store
@@ -201,7 +201,7 @@ def _measure(run: _Run) -> RunRecord:
     outcome = Outcome(replace(bare, section=problem.section, t_end_s=problem.t_end), problem)
     try:
         handed = handover.read(job.handover, hide_problem(problem, job.spec.control)[0].system, ended.cpu)
-    except BadHandover as error:
+    except FileError as error:
         handed = Handover(SolverReport(by=EndedBy.EXCEPTION, message=str(error)), None)
     if handed is not None and handed.report.claimed is None:
         outcome = Outcome(cut_short(job, handed.report.by, message=handed.report.message, **cost), problem)

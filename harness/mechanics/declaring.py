@@ -102,8 +102,7 @@ class JointDeclaration:
 def cross(a: Vec, b: Vec) -> Vec:
     """a x b"""
     return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]],
-        dtype=np.result_type(a, b),
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], dtype=np.result_type(a, b)
     )
 
 

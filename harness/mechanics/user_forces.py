@@ -100,9 +100,7 @@ class Law:
 
 
 def presented(
-    laws: Shaped[np.ndarray, " nu"],
-    frame: Float[np.ndarray, "3 3"],
-    units: tuple[float, float, float] = SI,
+    laws: Shaped[np.ndarray, " nu"], frame: Float[np.ndarray, "3 3"], units: tuple[float, float, float] = SI
 ) -> Shaped[np.ndarray, " nu"]:
     """The same laws in a space turned or mirrored by ``frame``, and in other units on top."""
     out = np.empty(len(laws), dtype=object)

@@ -115,12 +115,7 @@ def _judged(
     drift = E - E[0] - done
     drift = np.sign(drift) * np.maximum(np.abs(drift) - unsure, 0.0)  # what is certain of it
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
-    laws = {
-        Law.ENERGY: drift,
-        Law.CONSTRAINT: gap,
-        Law.CONSTRAINT_RATE: gap_rate,
-        Law.ORTHOGONALITY: defect,
-    }
+    laws = {Law.ENERGY: drift, Law.CONSTRAINT: gap, Law.CONSTRAINT_RATE: gap_rate, Law.ORTHOGONALITY: defect}
     binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
     size = scales(problem, reference, Run(rows, binding, covered(reference, t)), bodies)
     return Judged(bodies, size, laws), E, drift, eq81, phi, phi_dot, int(np.sum(unknown))

@@ -17,15 +17,19 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import threadpool_limits
 
-from ..mechanics import lent
+from ..mechanics import lent, time_functions, user_forces
+from ..mechanics.kept_code import Unknown, digest_of
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..types import Problem, Reference
 from . import orbit
+from .director_rows import ROWS
 from .directors import Directors
 from .newton_euler import NewtonEuler
 from .orbit import Orbit, Pair, Piece
+from .pushes import PUSHES
 
 WORST, AGREED = 1e-3, 1e-10  # of the reach
 FAR = 1e-12  # of the distance from the origin, whose rounding no tolerance gets below
@@ -50,7 +54,7 @@ class ComputedReference:
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         """The motion at ``t`` [s], up to the horizon."""
-        return self.first.states(self.orbit(t))
+        return self.first.states(self.orbit(t)).timed(np.asarray(t, dtype=float))
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Bound [m] on the position error of any body, and on angles times radii of gyration."""
@@ -70,9 +74,7 @@ class Source(StrEnum):
     OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
     CERTIFIED = "certified"  # no formula: the problem's own integration by two routes of its own; None for some starts
     COMPUTED = "computed"
-    NONE = (
-        "none"  # too large, a start that opens its joints, moving rows, timed loads, torsional springs or user forces
-    )
+    NONE = "none"  # too large, a start that opens its joints, or moving rows of a kind that the routes do not know
 
 
 def source_of(problem: Problem) -> Source:
@@ -92,8 +94,8 @@ def _is_integrated(reference_from: Callable[..., object]) -> bool:
 
 
 def is_computable(system: MultibodySystem) -> bool:
-    """Whether the routes have its rows and forces, and ``FEWEST`` steps fit the budget: up to about 60 bodies."""
-    if system.is_timed or len(system.moving_rows().joint) or len(system.torsion_k):
+    """Whether the routes have its rows, and ``FEWEST`` steps fit the budget: up to about 60 bodies."""
+    if not set(system.moving_rows().kind) <= PUSHES.keys() & ROWS.keys():
         return False
     return FEWEST * 72 * cost(system)[1] < BUDGET
 
@@ -103,7 +105,8 @@ def cost(system: MultibodySystem) -> tuple[float, float]:
     n, nb = float(system.nrows), float(system.nb)
     first = 4e-4 + 3e-11 * (6.0 * nb + n) * n**2
     redundant = n > 6.0 * nb - 1.0  # to be known before any state is: chains of the catalogue have fewer rows
-    return first, 4e-5 + 2e-5 * nb + 1.2e-9 * nb * n**2 + (2.5e-10 if redundant else 5e-11) * n**3
+    own = len(system.moving_rows().joint) + len(system.user_i)  # taken one by one
+    return first, 4e-5 + 2e-5 * nb + 3e-5 * own + 1.2e-9 * nb * n**2 + (2.5e-10 if redundant else 5e-11) * n**3
 
 
 def computed(problem: Problem) -> ComputedReference | None:
@@ -112,21 +115,30 @@ def computed(problem: Problem) -> ComputedReference | None:
     return None if found is None else ComputedReference(found, NewtonEuler(problem.system))
 
 
-def _key(problem: Problem) -> str:
-    """Digest of the system, the start, the time, and the code of this room and what its routes share: none is stale."""
+def _key(problem: Problem) -> str | None:
+    """Digest of the system, the start, the time, and the code of this room and what its routes share: none is stale.
+
+    None where a user's law depends on what no digest can be made of.
+    """
     digest = hashlib.sha256(_code())
     digest.update(repr((problem.t_end, BUDGET)).encode())
     s, start = problem.system, problem.initial
-    arrays = [v for k, v in vars(s).items() if isinstance(v, np.ndarray)]
-    for a in (*arrays, start.r, start.R, start.v, start.Omega):
+    arrays = [v for v in vars(s).values() if isinstance(v, np.ndarray) and v.dtype != object]
+    laws = [np.append(law.frame, law.units) for law in s.user_law]
+    for a in (*arrays, start.r, start.R, start.v, start.Omega, np.array(start.t), *laws):
         digest.update(f"{a.shape}{a.dtype}".encode() + np.ascontiguousarray(a).tobytes())
+    try:
+        digest.update("".join(digest_of(law.function, law.bodies) for law in s.user_law).encode())
+    except Unknown:
+        return None
     return digest.hexdigest()
 
 
 @cache
 def _code() -> bytes:
     here = sorted(Path(__file__).parent.glob("*.py"))
-    return b"".join(f.read_bytes() for f in (*here, Path(lent.__file__)))
+    shared = (Path(lent.__file__), Path(time_functions.__file__), Path(user_forces.__file__))
+    return b"".join(f.read_bytes() for f in (*here, *shared))
 
 
 @dataclass
@@ -139,11 +151,14 @@ class _Motion:
     left: float  # [s] of the budget
     first: NewtonEuler = field(init=False)
     second: Directors = field(init=False)
+    frequency: float = field(init=False)  # [rad/s] of drives and loads
     reach: float = 0.0
 
     def __post_init__(self) -> None:
         self.first, self.second = NewtonEuler(self.system), Directors(self.system)
         self.radius = self.system.gyration
+        sines = [a[a[:, 4] != 0.0, 5] for a in (self.system.joint_motion, self.system.load_factor)]
+        self.frequency = float(np.max(np.abs(np.concatenate(sines)), initial=0.0))
         self.size = float(max(np.max(self.radius), np.max(np.abs(self.system.joint_s_i), initial=0.0)))
 
     def pieces(self, tolerance: float, correction: float) -> Iterator[Piece]:
@@ -152,7 +167,7 @@ class _Motion:
         first, second = self._paid(self.first.rate, c_first), self._paid(self.second.rate, c_second)
         try:
             y, z = self.first.restarted(self.first.start(self.start)), self.second.start(self.start)
-            pair = Pair(first, second, y, z, self._disagreement)
+            pair = Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
             begin, speed, turn = self.first.states(y[None]), 0.0, 0.0
             t, span = 0.0, self.t_end
             while t < self.t_end:
@@ -200,10 +215,11 @@ class _Motion:
     def _speeds(self, y: np.ndarray, speed: float, turn: float) -> tuple[float, float]:
         """Largest speed [m/s] and rate [rad/s] so far, or those that the accelerations promise over the size."""
         nb = self.system.nb
-        v, a = y[7 * nb :], self.first.rate(y)[7 * nb :]
+        v, a = y[7 * nb : -1], self.first.rate(y)[7 * nb : -1]
         speed = max(speed, float(np.max(np.abs(v[: 3 * nb]))), float(np.sqrt(np.max(np.abs(a[: 3 * nb])) * self.size)))
         speed = max(speed, self.size / self.t_end)
         turn = max(turn, float(np.max(np.abs(v[3 * nb :]))), float(np.sqrt(np.max(np.abs(a[3 * nb :])))))
+        turn = max(turn, self.frequency)
         return speed, max(turn, speed / self.size)
 
 
@@ -213,7 +229,8 @@ def _agreed(system: MultibodySystem, start: State, t_end: float) -> Orbit | None
     for level, (tolerance, correction) in enumerate(LEVELS):
         motion = _Motion(system, start, t_end, left)
         share = WORST if level == len(LEVELS) - 1 else AGREED
-        found = orbit.orbit_of(motion.pieces(tolerance, correction), partial(motion.share, share))
+        with threadpool_limits(1):  # of matrices so small threads cost ten times what they save
+            found = orbit.orbit_of(motion.pieces(tolerance, correction), partial(motion.share, share))
         left = motion.left
         if found is None:
             continue

@@ -2,8 +2,8 @@
 
 The mass matrix is constant, rigidity is six constraints a body (d_a . d_b = delta_ab), and a pin is linear in the
 coordinates: no angular velocity, no cross product and no gyroscopic term appears anywhere. The rigidity is eliminated
-body by body; the joints by S = J C J^T, where the pseudo-inverse (eigenvalues) takes redundant rows. States may be
-stacked along a first axis: extrapolation evaluates its columns together.
+body by body; the joints by S = J C J^T, of redundant rows within the span of its eigenvectors at the start of a step.
+States may be stacked along a first axis: extrapolation evaluates its columns together.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,8 @@ from jaxtyping import Float
 
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
+from ..mechanics.time_functions import values
+from .director_rows import ROWS, Joint, Row
 
 RANK = 1e-11  # of the largest eigenvalue of S, whose small ones are squares of singular values
 PAIRS = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])  # of directors: the rigidity constraints
@@ -21,7 +23,7 @@ SWEEPS = 5
 
 @dataclass
 class Directors:
-    """``rate`` of the states (24 nb): per body r and the directors d_1, d_2, d_3, then their rates."""
+    """``rate`` of the states (24 nb + 1): per body r and the directors d_1, d_2, d_3, then their rates, then t."""
 
     system: MultibodySystem
 
@@ -34,20 +36,22 @@ class Directors:
         self.pinned, self.point = s.point_rows()
         self.line, self.axis = s.line_rows(), s.axis_rows()
         self.link = self.line.length > 0.0
+        self.moving = s.moving_rows()
+        self.nrows = s.nrows
         self.pins = np.zeros((s.nrows, s.nb, 4, 3))  # point rows of J, which are constant
         for body, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
             m = np.flatnonzero(body[self.pinned] != GROUND)
             b, weights = body[self.pinned[m]], np.insert(arm[self.pinned[m]], 0, 1.0, axis=1)
             for c in range(3):
                 self.pins[self.point[m, c], b] = sign * weights[:, :, None] * np.eye(3)[c]
-        self.redundant: bool | None = None  # found when first needed after a restart
+        self.range: np.ndarray | None = None  # of S (rows, rank); found when next needed
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector; d_a is column a of R."""
         omega = np.einsum("bij,bj->bi", state.R, state.Omega)
         d_dot = np.cross(omega[:, None], np.swapaxes(state.R, 1, 2))
         place = np.concatenate((state.r[:, None], np.swapaxes(state.R, 1, 2)), axis=1)
-        return np.concatenate((place.ravel(), np.concatenate((state.v[:, None], d_dot), axis=1).ravel()))
+        return np.concatenate((place.ravel(), np.concatenate((state.v[:, None], d_dot), axis=1).ravel(), [state.t]))
 
     def states(self, z: Float[np.ndarray, "nt coordinates"]) -> States:
         """Vectors of this route as states; Omega is the axial vector of R^T R_dot."""
@@ -55,50 +59,60 @@ class Directors:
         R = np.swapaxes(x[:, :, 1:], -1, -2)
         W = np.swapaxes(R, -1, -2) @ np.swapaxes(x_dot[:, :, 1:], -1, -2)
         W = 0.5 * (W - np.swapaxes(W, -1, -2))
-        return States(x[:, :, 0], R, x_dot[:, :, 0], np.stack((W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]), axis=-1))
+        Omega = np.stack((W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]), axis=-1)
+        return States(x[:, :, 0], R, x_dot[:, :, 0], Omega, z[:, -1])
 
     def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " coordinates"]:
         """The scale of each entry, for tolerances."""
         one = np.repeat([size, 1.0, speed, rate], [3, 9, 3, 9])
-        return np.concatenate((np.tile(one[:12], self.system.nb), np.tile(one[12:], self.system.nb)))
+        return np.concatenate((np.tile(one[:12], self.system.nb), np.tile(one[12:], self.system.nb), [np.inf]))
 
     def rate(self, z: Float[np.ndarray, "nt coordinates"]) -> Float[np.ndarray, "nt coordinates"]:
         """d/dt of states."""
-        nt, s = len(z), self.system
+        nt = len(z)
         x, x_dot = self._parts(z)
         C, from_rigidity = self._compliance(x)
         d_dot = x_dot[:, :, 1:]
         curvature = -2.0 * np.sum(d_dot[:, :, PAIRS[:, 0]] * d_dot[:, :, PAIRS[:, 1]], axis=-1)
-        f, bend = self._forces(x, x_dot), np.einsum("tbij,tbj->tbi", from_rigidity, curvature)
-        J = self._jacobian(x)
-        a = np.einsum("tbij,tbj->tbi", C, f)
+        f, bend = self._forces(x, x_dot, z), np.matmul(from_rigidity, curvature[..., None])[..., 0]
+        rows = self._rows(x, x_dot, z[:, -1])
+        J = self._jacobian(x, rows)
+        a = np.matmul(C, f[..., None])[..., 0]
         a[:, :, 3:] += bend
-        if s.nrows:
-            a = a + self._answer(J, C, self._curvature(x_dot) - np.einsum("tkbi,tbi->tk", J, a))
-        return np.concatenate((x_dot.reshape(nt, -1), a.reshape(nt, -1)), axis=1)
+        if self.nrows:
+            a = a + self._answer(J, C, self._curvature(x_dot, rows) - np.einsum("tkbi,tbi->tk", J, a))
+        return np.concatenate((x_dot.reshape(nt, -1), a.reshape(nt, -1), np.ones((nt, 1))), axis=1)
+
+    def choose_rows(self) -> None:
+        """Anew at the next state, for which rows depend on each other turns with the bodies."""
+        self.range = None
 
     def restarted(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest state that is rigid and satisfies the joints, by Newton steps along C J^T."""
-        self.redundant = None
+        self.choose_rows()
         x, x_dot = self._parts(z[None].copy())
         for _ in range(SWEEPS):
             U, _, Vt = np.linalg.svd(x[:, :, 1:])
             x[:, :, 1:] = U @ Vt
-            phi = self._phi(x)
+            rows = self._rows(x, x_dot, z[-1:])
+            phi = self._phi(x, rows)
             if np.max(np.abs(phi), initial=0.0) < 1e-15:
                 break
-            x = x - self._answer(self._jacobian(x), self._compliance(x)[0], phi).reshape(x.shape)
+            x = x - self._answer(self._jacobian(x, rows), self._compliance(x)[0], phi).reshape(x.shape)
         C, from_rigidity = self._compliance(x)
         stretch = sum(np.sum(x[:, :, 1 + PAIRS[:, k]] * x_dot[:, :, 1 + PAIRS[:, 1 - k]], axis=-1) for k in (0, 1))
         flat = x_dot.reshape(1, -1, 12).copy()
         flat[:, :, 3:] -= np.einsum("tbij,tbj->tbi", from_rigidity, stretch)
-        if self.system.nrows:
-            J = self._jacobian(x)
-            flat = flat - self._answer(J, C, np.einsum("tkbi,tbi->tk", J, flat))
-        return np.concatenate((x.ravel(), flat.ravel()))
+        if self.nrows:
+            rows = self._rows(x, x_dot, z[-1:])
+            J, speed = self._jacobian(x, rows), np.zeros((1, self.nrows))
+            for k, _, row in rows:
+                speed[:, k] = row.speed
+            flat = flat - self._answer(J, C, np.einsum("tkbi,tbi->tk", J, flat) - speed)
+        return np.concatenate((x.ravel(), flat.ravel(), z[-1:]))
 
     def _parts(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x, x_dot = np.split(z.reshape(len(z), 2, -1, 4, 3), 2, axis=1)
+        x, x_dot = np.split(z[:, :-1].reshape(len(z), 2, -1, 4, 3), 2, axis=1)
         return x[:, 0], x_dot[:, 0]
 
     def _compliance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -117,29 +131,29 @@ class Directors:
 
     def _answer(self, J: np.ndarray, C: np.ndarray, gap: np.ndarray) -> np.ndarray:
         """C J^T lam (nt, nb, 12) with J C J^T lam = ``gap``."""
-        CJ = np.einsum("tkbj,tbji->tkbi", J, C, optimize=True)
         nt, rows = gap.shape
+        CJ = np.swapaxes(np.swapaxes(J, 1, 2) @ C, 1, 2)
         S = CJ.reshape(nt, rows, -1) @ np.swapaxes(J.reshape(nt, rows, -1), 1, 2)
         even = 1.0 / np.sqrt(np.einsum("tkk->tk", S))  # rows of like size, whatever the masses
         S, gap = even[:, :, None] * S * even[:, None], even * gap
-        if self.redundant is None:
-            self.redundant = bool(np.linalg.matrix_rank(S[0], RANK * np.linalg.norm(S[0], 2), hermitian=True) < rows)
-        if self.redundant:
-            size, vectors = np.linalg.eigh(S)
-            kept = size > RANK * size[:, -1:]
-            part = np.where(kept, np.einsum("tki,tk->ti", vectors, gap) / np.where(kept, size, 1.0), 0.0)
-            lam = np.einsum("tki,ti->tk", vectors, part)
+        if self.range is None:
+            size, vectors = np.linalg.eigh(S[0])
+            self.range = np.eye(rows) if size[0] > RANK * size[-1] else vectors[:, size > RANK * size[-1]]
+        V = self.range  # combinations of rows from which all others follow
+        if V.shape[1] < rows:
+            lam = np.linalg.solve(V.T @ S @ V, (gap @ V)[..., None])[..., 0] @ V.T
         else:
             lam = np.linalg.solve(S, gap[..., None])[..., 0]
-        return np.einsum("tk,tkbi->tbi", even * lam, CJ)
+        return np.matmul((even * lam)[:, None], CJ.reshape(nt, rows, -1)).reshape(nt, -1, 12)
 
     def _point(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
         """r + sum_a p_a d_a of points ``p`` of bodies (nt, n, 3); of the ground ``p`` itself."""
-        return _of_ground(np.einsum("tnac,na->tnc", x[:, body], np.insert(p, 0, 1.0, axis=1)), body, p)
+        weights = np.concatenate((np.ones((len(p), 1)), p), axis=1)
+        return _of_ground(np.matmul(weights[:, None], x[:, body])[..., 0, :], body, p)
 
     def _along(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
         """sum_a p_a d_a of directions ``p`` of bodies (nt, n, 3)."""
-        return _of_ground(np.einsum("tnac,na->tnc", x[:, body, 1:], p), body, p)
+        return _of_ground(np.matmul(p[:, None], x[:, body, 1:])[..., 0, :], body, p)
 
     def _gap(self, x: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """Point of i less that of j (nt, m, 3)."""
@@ -159,8 +173,24 @@ class Directors:
         s, axis = self.system, self.axis
         return self._along(x, s.joint_i[axis.joint], axis.u), self._along(x, s.joint_j[axis.joint], axis.n)
 
-    def _phi(self, x: np.ndarray) -> np.ndarray:
-        out = np.zeros((len(x), self.system.nrows))
+    def _rows(self, x: np.ndarray, x_dot: np.ndarray, t: np.ndarray) -> list[tuple[int, int, Row]]:
+        """Moving rows at ``t`` [s]: row of phi, joint, what it is."""
+        s, nt, out = self.system, len(x), []
+        for k, row, kind in zip(*self.moving, strict=True):
+            f, f_dot, f_ddot = (a[:, 0] for a in values(s.joint_motion[k : k + 1], t))
+            ground = np.broadcast_to(np.eye(4)[:, 1:], (nt, 4, 3)), np.zeros((nt, 4, 3))
+            ends = (s.joint_i[k], s.joint_j[k])
+            i, j = (ground if b == GROUND else (x[:, b], x_dot[:, b]) for b in ends)
+            point_i, point_j = (np.insert(a[k], 0, 1.0) for a in (s.joint_s_i, s.joint_s_j))
+            n = np.insert(s.joint_n[k], 0, 0.0, axis=1)
+            p = Joint(point_i, point_j, np.insert(s.joint_u[k], 0, 0.0), n, s.joint_length[k], (f, f_dot, f_ddot))
+            out += [(row + m, int(k), one) for m, one in enumerate(ROWS[kind](i, j, p))]
+        return out
+
+    def _phi(self, x: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
+        out = np.zeros((len(x), self.nrows))
+        for k, _, row in rows:
+            out[:, k] = row.phi
         out[:, self.point] = self._gap(x, self.pinned)
         if len(self.line.row):
             d, n = self._gap(x, self.line.joint), self._along(x, self.system.joint_j[self.line.joint], self.line.n)
@@ -171,7 +201,7 @@ class Directors:
         out[:, self.axis.row] = np.sum(u * n, axis=-1)
         return out
 
-    def _jacobian(self, x: np.ndarray) -> np.ndarray:
+    def _jacobian(self, x: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
         """J (nt, nrows, nb, 12)."""
         s, axis, line = self.system, self.axis, self.line
         J = np.repeat(self.pins[None], len(x), axis=0)
@@ -189,12 +219,16 @@ class Directors:
                 J[:, line.row[m], body[m]] += weights[:, :, None] * way[:, m][:, :, None]
             m = np.flatnonzero(j != GROUND)
             J[:, line.row[m], j[m], 1:] += line.n[m][:, :, None] * d[:, m][:, :, None]  # zero for a distance
-        return J.reshape(len(x), s.nrows, s.nb, 12)
+        for k, joint, row in rows:
+            for b, part in ((s.joint_i[joint], row.J_i), (s.joint_j[joint], row.J_j)):
+                if b != GROUND:
+                    J[:, k, b] += part
+        return J.reshape(len(x), self.nrows, s.nb, 12)
 
-    def _curvature(self, x_dot: np.ndarray) -> np.ndarray:
+    def _curvature(self, x_dot: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
         """J x_ddot for phi_ddot = 0: a pin has none."""
         s, axis, line = self.system, self.axis, self.line
-        out = np.zeros((len(x_dot), s.nrows))
+        out = np.zeros((len(x_dot), self.nrows))
         ends = (s.joint_i[axis.joint], axis.u), (s.joint_j[axis.joint], axis.n)
         u, n = (_of_ground(self._along(x_dot, body, p), body, np.zeros_like(p)) for body, p in ends)
         out[:, axis.row] = -2.0 * np.sum(u * n, axis=-1)
@@ -203,9 +237,11 @@ class Directors:
             n_dot = _of_ground(self._along(x_dot, j, line.n), j, np.zeros_like(line.n))
             square = np.sum(d_dot**2, axis=-1) / np.where(self.link, line.length, 1.0)
             out[:, line.row] = -np.where(self.link, square, 2.0 * np.sum(n_dot * d_dot, axis=-1))
+        for k, _, row in rows:
+            out[:, k] = row.bend
         return out
 
-    def _forces(self, x: np.ndarray, x_dot: np.ndarray) -> np.ndarray:
+    def _forces(self, x: np.ndarray, x_dot: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Generalised forces (nt, nb, 12): F on r and p_a F on d_a for a force F at the point p."""
         s = self.system
         Q = np.zeros((len(x), s.nb + 1, 4, 3))
@@ -222,11 +258,40 @@ class Directors:
                 for k in range(len(body)):
                     Q[:, body[k]] += sign * np.insert(p[k], 0, 1.0)[:, None] * F[:, k, None]
         for k, body in enumerate(s.load_i):
-            F, T = self._load(x, k)
+            factor = values(s.load_factor[k : k + 1], z[:, -1])[0]
+            F, T = (factor * a for a in self._load(x, k))
             Q[:, body] += np.insert(s.load_p[k], 0, 1.0)[:, None] * F[:, None]
-            # as a moment of forces on the directors: the sum of d_a x (T x d_a) / 2 is T where they are orthonormal
-            Q[:, body, 1:] += 0.5 * np.cross(T[:, None], x[:, body, 1:])
+            Q[:, body, 1:] += _couple(T, x[:, body, 1:])
+        for k in range(len(s.torsion_k)):
+            self._twist(Q, x, x_dot, k)
+        if len(s.user_i):
+            here = self.states(z)
+            for i, j, law in zip(s.user_i, s.user_j, s.user_law, strict=True):
+                push = law.values(here, i, j)
+                for end, body in enumerate((i, j)):
+                    if body != GROUND:
+                        Q[:, body, 0] += push[:, end]
+                        Q[:, body, 1:] += _couple(push[:, 2 + end], x[:, body, 1:])
         return Q[:, :-1].reshape(len(x), s.nb, 12)
+
+    def _twist(self, Q: np.ndarray, x: np.ndarray, x_dot: np.ndarray, k: int) -> None:
+        """A torsional spring by the derivatives of theta = atan2(q, p), p = u . e, q = u . b, for the directors."""
+        s = self.system
+        (i, j), ends = (s.torsion_i[k], s.torsion_j[k]), []
+        for b, a in ((i, s.torsion_u[k]), (j, s.torsion_n[k, 0]), (j, s.torsion_n[k, 1])):
+            here = (np.broadcast_to(a, (len(x), 3)), np.zeros((len(x), 3))) if b == GROUND else None
+            ends.append(here or (a @ x[:, b, 1:], a @ x_dot[:, b, 1:]))
+        (u, u_dot), (e, e_dot), (b, b_dot) = ends
+        p, q = np.sum(u * e, axis=-1), np.sum(u * b, axis=-1)
+        p_dot, q_dot = np.sum(u_dot * e + u * e_dot, axis=-1), np.sum(u_dot * b + u * b_dot, axis=-1)
+        turn = np.arctan2(q, p) - s.torsion_rest[k]
+        turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+        square = p * p + q * q
+        M = -(s.torsion_k[k] * turn + s.torsion_c[k] * (p * q_dot - q * p_dot) / square) / square
+        p, q = (M * p)[:, None], (M * q)[:, None]
+        Q[:, i, 1:] += s.torsion_u[k][:, None] * (p * b - q * e)[:, None]
+        for a, way in ((s.torsion_n[k, 1], p * u), (s.torsion_n[k, 0], -q * u)):
+            Q[:, j, 1:] += a[:, None] * way[:, None]
 
     def _load(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Force and torque of a load in space (nt, 3)."""
@@ -235,6 +300,12 @@ class Directors:
         if s.load_follows[k]:
             return tuple(np.einsum("a,tac->tc", a, d) for a in both)  # type: ignore[return-value]
         return tuple(np.broadcast_to(a, (len(x), 3)) for a in both)  # type: ignore[return-value]
+
+
+def _couple(T: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """A torque as forces on the directors: the sum of d_a x (T x d_a) / 2 is T where they are orthonormal."""
+    out: np.ndarray = 0.5 * np.cross(T[:, None], d)
+    return out
 
 
 def _second_moments(J: np.ndarray) -> np.ndarray:

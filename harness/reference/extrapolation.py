@@ -40,13 +40,18 @@ def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8)
 
 
 def gbs_adaptive(
-    f: Rate, y: np.ndarray, span: float, tolerance: float | np.ndarray, H: float
-) -> Iterator[tuple[float, np.ndarray]]:
-    """(time, state) after each accepted step over ``span``, corrections below ``tolerance``; ``H`` is the first try."""
+    f: Rate, y: np.ndarray, span: float, tolerance: float | np.ndarray, H: float,
+    begin: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[float, np.ndarray]]:  # fmt: skip
+    """(time, state) after each accepted step over ``span``, corrections below ``tolerance``; ``H`` is the first try.
+
+    ``begin`` is called before each step.
+    """
     t = 0.0
     while t < span:
         last = t + H >= span
         step = span - t if last else H
+        begin()
         there, correction = gbs_step(f, y, step)
         size = float(np.max(np.abs(correction) / tolerance))
         H = step * min(2.0, max(0.2, 0.9 * max(size, 1e-300) ** (-1.0 / 15.0)))

@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
+from ..mechanics.time_functions import values
+from .pushes import PUSHES, Body, Joint, Push, cross
 
 RANK = 1e-9  # of the largest pivot
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -24,13 +26,14 @@ SWEEPS = 5  # of Gauss-Newton; drift between two starts is near rounding, where 
 
 @dataclass
 class NewtonEuler:
-    """``rate`` of the states (13 nb): r, quaternion (x, y, z, w), r_dot, Omega, body by body within each."""
+    """``rate`` of the states (13 nb + 1): r, quaternion (x, y, z, w), r_dot, Omega by bodies within each, then t."""
 
     system: MultibodySystem
     rows: Int[np.ndarray, " rank"] = field(init=False)  # in use; chosen by ``restarted``
 
     def __post_init__(self) -> None:
         s = self.system
+        self.nrows = s.nrows
         self.rows = np.arange(s.nrows)
         self.inertia = s.regular_inertia
         self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies
@@ -43,85 +46,118 @@ class NewtonEuler:
         for end, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
             moving = [np.flatnonzero(end[j] != GROUND) for j in (self.pinned, self.line.joint, self.axis.joint)]
             self.ends.append((end, arm, sign, *moving))
+        self.moving = s.moving_rows()
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector."""
         q = Rotation.from_matrix(state.R).as_quat()
-        return np.concatenate([a.ravel() for a in (state.r, q, state.v, state.Omega)])
+        return np.concatenate([*(a.ravel() for a in (state.r, q, state.v, state.Omega)), [state.t]])
 
     def states(self, y: Float[np.ndarray, "nt coordinates"]) -> States:
         """Vectors of this route as states; quaternions are normalised."""
         r, q, v, Omega = self._parts(y)
         R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(*q.shape[:2], 3, 3)
-        return States(r, R, v, Omega)
+        return States(r, R, v, Omega, y[:, -1])
 
     def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " coordinates"]:
         """The scale of each entry, for tolerances."""
-        return np.repeat([size, 1.0, speed, rate], np.array([3, 4, 3, 3]) * self.system.nb)
+        return np.repeat([size, 1.0, speed, rate, np.inf], np.array([*np.array([3, 4, 3, 3]) * self.system.nb, 1]))
 
     def rate(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """d/dt of a state."""
         s = self.system
         r, q, v, Omega = (a[0] for a in self._parts(y[None]))
         R = _matrices(q)
-        f = self._forces(r, R, v, Omega)
-        A, gamma = self._jacobian(r, R)[self.rows], self._gamma(r, R, v, Omega)[self.rows]
-        WA = np.einsum("kbj,bji->kbi", A.reshape(len(A), s.nb, 6), self.weight).reshape(A.shape)
-        a = np.einsum("bij,bj->bi", self.weight, f)
+        f = self._forces(r, R, v, Omega, y[-1])
+        pushes = self._pushes(r, R, v, Omega, y[-1])
+        A, gamma = self._jacobian(r, R, pushes)[self.rows], self._gamma(r, R, v, Omega, pushes)[self.rows]
+        WA = np.matmul(A.reshape(len(A), s.nb, 1, 6), self.weight).reshape(A.shape)
+        a = np.matmul(self.weight, f[..., None])[..., 0]
         if len(self.rows):
             a -= (np.linalg.solve(A @ WA.T, A @ a.ravel() - gamma) @ WA).reshape(s.nb, 6)
         vector, w = q[:, :3], q[:, 3:]
         q_dot = 0.5 * np.concatenate((w * Omega + _cross(vector, Omega), -np.sum(vector * Omega, 1)[:, None]), axis=1)
-        return np.concatenate((v.ravel(), q_dot.ravel(), a[:, :3].ravel(), a[:, 3:].ravel()))
+        return np.concatenate((v.ravel(), q_dot.ravel(), a[:, :3].ravel(), a[:, 3:].ravel(), [1.0]))
 
     def restarted(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest consistent state; the rows in use are chosen anew there."""
         s = self.system
         r, q, v, Omega = (a[0].copy() for a in self._parts(y[None]))
         q /= np.linalg.norm(q, axis=1)[:, None]
-        if s.nrows:
-            A = self._jacobian(r, _matrices(q))
+        if self.nrows:
+            A = self._rows_at(r, _matrices(q), v, Omega, y[-1])[1]
             even = A * np.repeat(np.stack((np.ones(s.nb), 1.0 / s.gyration), axis=1), 3, axis=1).ravel()  # in metres
             even /= np.maximum(np.linalg.norm(even, axis=1), np.finfo(float).tiny)[:, None]
             _, pivots, order = sl.qr(even.T, mode="economic", pivoting=True)
             size = np.abs(np.diag(pivots))
             self.rows = np.sort(order[: int(np.sum(size > RANK * size[0]))])
             for _ in range(SWEEPS):
-                phi = self._phi(r, _matrices(q))
+                phi, A, _ = self._rows_at(r, _matrices(q), v, Omega, y[-1])
                 if np.max(np.abs(phi)) < 1e-15:
                     break
-                change = self._least_change(r, _matrices(q), phi)
+                change = self._least_change(A, phi)
                 r -= change[:, :3]
                 q = (Rotation.from_quat(q) * Rotation.from_rotvec(-change[:, 3:])).as_quat()
             both = np.concatenate((v, Omega), axis=1)
-            R = _matrices(q)
-            both -= self._least_change(r, R, self._jacobian(r, R) @ both.ravel())
+            _, A, phi_t = self._rows_at(r, _matrices(q), v, Omega, y[-1])
+            both -= self._least_change(A, A @ both.ravel() + phi_t)
             v, Omega = both[:, :3], both[:, 3:]
-        return np.concatenate([a.ravel() for a in (r, q, v, Omega)])
+        return np.concatenate([*(a.ravel() for a in (r, q, v, Omega)), y[-1:]])
 
     def violation(self, y: Float[np.ndarray, " coordinates"]) -> float:
         """Largest |phi| [m] of all rows, those not in use included; axis rows times the size of the bodies."""
-        r, q, _, _ = (a[0] for a in self._parts(y[None]))
-        phi = np.abs(self._phi(r, _matrices(q)))
-        phi[self.axis.row] *= np.max(self.system.gyration)
+        r, q, v, Omega = (a[0] for a in self._parts(y[None]))
+        phi = np.abs(self._rows_at(r, _matrices(q), v, Omega, y[-1])[0])
+        phi[self.system.turning_rows] *= np.max(self.system.gyration)
         return float(np.max(phi, initial=0.0))
 
-    def _least_change(self, r: np.ndarray, R: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        A = self._jacobian(r, R)[self.rows]
-        WA = np.einsum("kbj,bji->kbi", A.reshape(-1, self.system.nb, 6), self.weight).reshape(len(A), -1)
+    def _least_change(self, A: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        A = A[self.rows]
+        WA = np.matmul(A.reshape(len(A), self.system.nb, 1, 6), self.weight).reshape(A.shape)
         return (np.linalg.solve(A @ WA.T, wanted[self.rows]) @ WA).reshape(-1, 6)
 
     def _parts(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
         nb = self.system.nb
-        pieces = np.split(y, np.cumsum([3, 4, 3])[:3] * nb, axis=1)
-        return tuple(p.reshape(len(y), nb, -1) for p in pieces)
+        r, q, v, Omega = y[:, : 3 * nb], y[:, 3 * nb : 7 * nb], y[:, 7 * nb : 10 * nb], y[:, 10 * nb : 13 * nb]
+        return tuple(p.reshape(len(y), nb, -1) for p in (r, q, v, Omega))
 
-    def _phi(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
-        out = np.zeros(self.system.nrows)
+    def _rows_at(
+        self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """phi, A and phi_t."""
+        pushes = self._pushes(r, R, v, Omega, t)
+        phi_t = np.zeros(self.nrows)
+        for row, _, push in pushes:
+            phi_t[row] = push.phi_t
+        return self._phi(r, R, pushes), self._jacobian(r, R, pushes), phi_t
+
+    def _bodies(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, k: int) -> tuple[Body, Body]:
+        ends = (self.system.joint_i[k], self.system.joint_j[k])
+        ground = Body(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+        i, j = (ground if b == GROUND else Body(r[b], R[b], v[b], R[b] @ Omega[b]) for b in ends)
+        return i, j
+
+    def _pushes(
+        self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float
+    ) -> list[tuple[int, int, Push]]:
+        """Moving rows at ``t`` [s]: row of phi, joint, what it does."""
+        s, out = self.system, []
+        for k, row, kind in zip(*self.moving, strict=True):
+            f, f_dot, f_ddot = (float(a[0, 0]) for a in values(s.joint_motion[k : k + 1], np.array([t])))
+            p = Joint(s.joint_s_i[k], s.joint_s_j[k], s.joint_u[k], s.joint_n[k], s.joint_length[k], (f, f_dot, f_ddot))
+            rows = PUSHES[kind](*self._bodies(r, R, v, Omega, k), p)
+            out += [(row + n, int(k), push) for n, push in enumerate(rows)]
+        return out
+
+    def _phi(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, Push]]) -> np.ndarray:
+        out = np.zeros(self.nrows)
+        for row, _, push in pushes:
+            out[row] = push.phi
         out[self.point] = self._gap(r, R, self.pinned)
-        d, (way, _) = self._gap(r, R, self.line.joint), self._ways(r, R)
-        link = self.line.length > 0.0
-        out[self.line.row] = np.where(link, 0.5, 1.0) * np.sum(d * way, axis=1) - 0.5 * self.line.length
+        if len(self.line.row):
+            d, (way, _) = self._gap(r, R, self.line.joint), self._ways(r, R)
+            link = self.line.length > 0.0
+            out[self.line.row] = np.where(link, 0.5, 1.0) * np.sum(d * way, axis=1) - 0.5 * self.line.length
         u, n = self._axes(_with_ground(R, np.eye(3)))
         out[self.axis.row] = np.sum(u * n, axis=1)
         return out
@@ -150,10 +186,10 @@ class NewtonEuler:
         u = np.einsum("jab,jb->ja", turned[s.joint_i[axis.joint]], axis.u)
         return u, np.einsum("jab,jb->ja", turned[s.joint_j[axis.joint]], axis.n)
 
-    def _jacobian(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
+    def _jacobian(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, Push]]) -> np.ndarray:
         """A (nrows, 6 nb) of phi_dot = A (r_dot, Omega)."""
         s, turned = self.system, _with_ground(R, np.eye(3))
-        A = np.zeros((s.nrows, s.nb, 6))
+        A = np.zeros((self.nrows, s.nb, 6))
         torque = _cross(*self._axes(turned))
         way, x = self._ways(r, R) if len(self.line.row) else (np.zeros((0, 3)),) * 2
         for end, arm, sign, pins, lines, axes in self.ends:
@@ -167,13 +203,20 @@ class NewtonEuler:
             A[k, b, 3:] = np.einsum("ja,jab->jb", _cross(x[lines] - r[b], f), turned[b])
             b = end[self.axis.joint[axes]]
             A[self.axis.row[axes], b, 3:] = sign * np.einsum("ja,jab->jb", torque[axes], turned[b])
-        return A.reshape(s.nrows, 6 * s.nb)
+        for row, k, push in pushes:
+            for b, sign in ((s.joint_i[k], 1.0), (s.joint_j[k], -1.0)):
+                if b != GROUND:
+                    moment = push.T + cross(push.x - r[b], push.F)
+                    A[row, b] += sign * np.concatenate((push.F, R[b].T @ moment))
+        return A.reshape(self.nrows, 6 * s.nb)
 
-    def _gamma(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray) -> np.ndarray:
+    def _gamma(
+        self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, pushes: list[tuple[int, int, Push]]
+    ) -> np.ndarray:
         """What A (r_ddot, Omega_dot) has to be for phi_ddot = 0."""
         s = self.system
         turned, omega = _with_ground(R, np.eye(3)), _with_ground(np.einsum("bij,bj->bi", R, Omega), np.zeros(3))
-        out = np.zeros(s.nrows)
+        out = np.zeros(self.nrows)
         bend, rate = np.zeros((2, s.nj, 3))  # of d: what v_dot and Omega_dot do not give of d_ddot, and d_dot
         for body, arm, sign, *_ in self.ends:
             w, p = omega[body], np.einsum("jab,jb->ja", turned[body], arm)
@@ -193,9 +236,11 @@ class NewtonEuler:
         u_dot, n_dot = _cross(w_i, u), _cross(w_j, n)
         both = _cross(w_i, u_dot) * n + 2.0 * u_dot * n_dot + u * _cross(w_j, n_dot)
         out[self.axis.row] = -np.sum(both, axis=1)
+        for row, k, push in pushes:
+            out[row] = -push.acceleration(*self._bodies(r, R, v, Omega, k))
         return out
 
-    def _forces(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray) -> np.ndarray:
+    def _forces(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float) -> np.ndarray:
         """f (nb, 6): forces [space], torques about C less Omega x J Omega [body]."""
         s = self.system
         f = np.zeros((s.nb + 1, 6))
@@ -220,7 +265,26 @@ class NewtonEuler:
             force = np.where(follows, np.einsum("jab,jb->ja", Q, s.load_force), s.load_force)
             pull = np.where(follows, s.load_force, np.einsum("jab,ja->jb", Q, s.load_force))
             torque = np.where(follows, s.load_torque, np.einsum("jab,ja->jb", Q, s.load_torque))
-            np.add.at(f, s.load_i, np.concatenate((force, torque + _cross(s.load_p, pull)), axis=1))
+            factor = values(s.load_factor, np.array([t]))[0].T
+            np.add.at(f, s.load_i, factor * np.concatenate((force, torque + _cross(s.load_p, pull)), axis=1))
+        if len(s.torsion_k):
+            turned, omega = _with_ground(R, np.eye(3)), _with_ground(np.einsum("bij,bj->bi", R, Omega), np.zeros(3))
+            u = np.einsum("jab,jb->ja", turned[s.torsion_i], s.torsion_u)
+            e, b = (np.einsum("jab,jb->ja", turned[s.torsion_j], s.torsion_n[:, k]) for k in (0, 1))
+            x, y = np.sum(u * e, axis=1), np.sum(u * b, axis=1)
+            m = (x[:, None] * _cross(u, b) - y[:, None] * _cross(u, e)) / (x * x + y * y)[:, None]
+            rate = np.sum(m * (omega[s.torsion_i] - omega[s.torsion_j]), axis=1)
+            angle = np.remainder(np.arctan2(y, x) - s.torsion_rest + np.pi, 2.0 * np.pi) - np.pi
+            T = -(s.torsion_k * angle + s.torsion_c * rate)[:, None] * m
+            for body, sign in ((s.torsion_i, 1.0), (s.torsion_j, -1.0)):
+                np.add.at(f[:, 3:], body, sign * np.einsum("jab,ja->jb", turned[body], T))
+        if len(s.user_i):
+            here = States(r[None], R[None], v[None], Omega[None], np.array([t]))
+            for i, j, law in zip(s.user_i, s.user_j, s.user_law, strict=True):
+                F_i, F_j, T_i, T_j = law.values(here, i, j)[0]
+                for body, F, T in ((i, F_i, T_i), (j, F_j, T_j)):
+                    if body != GROUND:
+                        f[body] += np.concatenate((F, R[body].T @ T))
         return f[:-1]
 
 

@@ -76,6 +76,7 @@ class Pair:
     y0: Float[np.ndarray, " ny"]
     z0: Float[np.ndarray, " nz"]
     disagreement: Callable[[np.ndarray, np.ndarray], float]  # [m] of y and z
+    begin: Callable[[], None] = lambda: None  # before each step of ``second``
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def chunk(
     if not piece.success:
         raise ArithmeticError(piece.message)
     nodes = []
-    for s, end in gbs_adaptive(pair.second, at[2], span, correction * units[1], span / 64.0):
+    for s, end in gbs_adaptive(pair.second, at[2], span, correction * units[1], span / 64.0, pair.begin):
         nodes.append((t + s, pair.disagreement(piece.sol(s), end)))
     steps = [(t + p.t_old, p.y_old, p.F) for p in piece.sol.interpolants]
     return Piece(t + span, piece.y[:, -1], end, steps, nodes)
@@ -126,8 +127,10 @@ def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | Non
     return Orbit(np.append(starts, end), y, F, np.array(bound_t), np.array(bound))
 
 
-def kept(key: str, compute: Callable[[], Orbit | None]) -> Orbit | None:
-    """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too."""
+def kept(key: str | None, compute: Callable[[], Orbit | None]) -> Orbit | None:
+    """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too. Without a key: new."""
+    if key is None:
+        return compute()
     file = FOLDER / f"{key[:24]}.npz"
     known = _read(file)
     if known is not None:

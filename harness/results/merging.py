@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..files import FileError
 from ..places import NotOwn, Place
 from . import store
 from .comparison import compare
@@ -30,7 +31,7 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
     """Copy the records of ``sources`` that ``out`` does not have yet; a record is written after its files."""
     found = [store.load(source) for source in sources]  # before anything is written
     if any(source.resolve() == out.resolve() for source in sources):
-        raise store.StoreError(f"{out} is one of the folders to be merged into it")
+        raise FileError(f"{out} is one of the folders to be merged into it")
     store.create(out)
     with store.lock(out):
         there = store.load(out)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 
 from .. import files
+from ..files import FileError
 from ..shapes import Shape, shaped
 from ..types import PREDICTABLE, Reason
 
@@ -21,10 +22,6 @@ T = TypeVar("T")
 SCHEMA = 3  # raise it when a column changes its meaning or goes; a new column with a default keeps it
 NAN = float("nan")
 ESSENTIAL = ("run_id", "case", "problem", "solver", "status")  # others may be newer than the file
-
-
-class BadRecord(files.FileError):
-    """A file is not a record of this schema; the message says why."""
 
 
 def column(doc: str, default: Any = NAN) -> Any:
@@ -211,7 +208,7 @@ JSON_COLUMNS: Mapping[str, Any] = {
 
 def is_literal(record: RunRecord) -> bool:
     """Whether it starts as printed, with a start that opens its joints (``Problem.literal_start``)."""
-    return bool(files.parse_json(record.problem_parameters, "parameters", BadRecord).get("literal_start"))
+    return bool(files.parse_json(record.problem_parameters, "parameters").get("literal_start"))
 
 
 def judged_own(record: RunRecord) -> float:
@@ -228,25 +225,25 @@ def to_json(record: RunRecord) -> str:
 
 
 def from_json(text: str) -> RunRecord:
-    """The record in ``text``, or BadRecord: not JSON, foreign, of another schema, or of wrong types."""
-    plain = files.parse_json(text, "record", BadRecord)
+    """The record in ``text``, or FileError: not JSON, foreign, of another schema, or of wrong types."""
+    plain = files.parse_json(text, "record")
     if not isinstance(plain, dict) or "schema" not in plain or "run_id" not in plain:
-        raise BadRecord("not a record of a run")
+        raise FileError("not a record of a run")
     if plain["schema"] != SCHEMA:
-        raise BadRecord(f"schema {plain['schema']!r}, expected {SCHEMA}")
+        raise FileError(f"schema {plain['schema']!r}, expected {SCHEMA}")
     for name in ESSENTIAL:
         if name not in plain:
-            raise BadRecord(f"column {name} is missing")
+            raise FileError(f"column {name} is missing")
     record = _convert(plain, RunRecord, "record")
     long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
     if long:
-        raise BadRecord(f"column {long[0]} holds a number that no table can")
+        raise FileError(f"column {long[0]} holds a number that no table can")
     for c in COLUMNS:
         if c.type is str and c.name != "message" and not getattr(record, c.name).isprintable():
-            raise BadRecord(f"column {c.name} holds control characters")
+            raise FileError(f"column {c.name} holds control characters")
     for name, kind in JSON_COLUMNS.items():
         where = f"column {name}"
-        shaped(files.parse_json(getattr(record, name), where, BadRecord), kind, where, BadRecord)
+        shaped(files.parse_json(getattr(record, name), where), kind, where)
     reasons_of(record.wrong_because)
     return record
 
@@ -257,9 +254,9 @@ def reasons_json(reasons: Iterable[Reason]) -> str:
 
 
 def reasons_of(wrong_because: str) -> tuple[Reason, ...]:
-    """The inverse of ``reasons_json``, or BadRecord."""
+    """The inverse of ``reasons_json``, or FileError."""
     where = "column wrong_because"
-    found = shaped(files.parse_json(wrong_because, where, BadRecord), list[dict[str, Any]], where, BadRecord)
+    found = shaped(files.parse_json(wrong_because, where), list[dict[str, Any]], where)
     return tuple(_convert(plain, Reason, where) for plain in found)
 
 
@@ -267,4 +264,4 @@ def _convert(plain: Mapping[str, Any], kind: type[T], where: str) -> T:
     """``plain`` as the dataclass ``kind``, its numbers that are not finite taken back from text."""
     floats = {f.name for f in dataclasses.fields(kind) if f.type is float}  # type: ignore[arg-type]
     given = {k: float(v) if k in floats and v in ("nan", "inf", "-inf") else v for k, v in plain.items()}
-    return shaped(given, kind, where, BadRecord)
+    return shaped(given, kind, where)

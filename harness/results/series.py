@@ -12,7 +12,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from ..files import parse_json, to_json
+from ..files import FileError, parse_json, to_json
 from ..places import Place, place_of
 from ..shapes import Shape, shaped
 from .npz import read_npz, write_npz
@@ -22,10 +22,6 @@ KIND: Literal["mbsbench series"] = "mbsbench series"
 LARGEST = 2**28  # [bytes] of a file, and of its arrays: ten times the longest
 POSES = ("frame", "exact", "state", "sample")  # along times of their own
 OTHER = ("end_", "start_", "joint_", "gravity", "system_")  # not along time
-
-
-class BadSeries(ValueError):
-    """A file is not a whole series file of this schema; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,7 @@ def write_series(path: Path | Place, series: Series) -> str:
 
 
 def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> Series:
-    """The series in ``path``, or BadSeries; with ``sha256``, only if the file is the one that was recorded.
+    """The series in ``path``, or FileError; with ``sha256``, only if the file is the one that was recorded.
 
     Without ``poses`` those of the run and of the exact motion, most of a file, stay packed.
     """
@@ -87,24 +83,24 @@ def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> 
 
 
 def check_series(path: Path | Place, sha256: str) -> None:
-    """BadSeries if it is not the recorded file of this schema; its arrays stay packed."""
+    """FileError if it is not the recorded file of this schema; its arrays stay packed."""
     _read(path, sha256, "meta".__eq__)
 
 
 def _read(path: Path | Place, sha256: str, wanted: Callable[[str], bool]) -> tuple[Head, dict[str, np.ndarray]]:
-    """The head of the file and the arrays that are ``wanted``, or BadSeries."""
+    """The head of the file and the arrays that are ``wanted``, or FileError."""
     try:
         content = place_of(path).read(LARGEST)
     except OSError as error:
-        raise BadSeries(f"cannot read: {error.strerror or error}") from None
+        raise FileError(f"cannot read: {error.strerror or error}") from None
     if sha256 and hashlib.sha256(content).hexdigest() != sha256:
-        raise BadSeries("not the file that was recorded (truncated or changed)")
+        raise FileError("not the file that was recorded (truncated or changed)")
     try:
         arrays = read_npz(content, LARGEST, wanted)
         head = shaped(parse_json(str(arrays.pop("meta", "")), "meta"), Head, "meta")
         _check_lengths(arrays)
     except ValueError as error:
-        raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
+        raise FileError(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
     return head, arrays
 
 

@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from .. import files
+from ..files import FileError
 from ..places import PARTIAL, NotOwn, Place, place_of
 from ..shapes import Shape, shaped
 from ..types import Status
-from .records import COLUMNS, SCHEMA, BadRecord, RunRecord, from_json, to_json
-from .series import BadSeries, Series, read_series
+from .records import COLUMNS, SCHEMA, RunRecord, from_json, to_json
+from .series import Series, read_series
 
 if TYPE_CHECKING:
     import pandas as pd  # imported late: a run's process stores its record and needs no tables
@@ -31,10 +32,6 @@ PARTS = ("runs", "series", "stderr")
 OTHERS = (".lock", ".spool", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "suite.toml")
 IN_PART = {part: re.compile(rf"{part}/[\w-][\w.-]*") for part in ("series", "stderr")}
 SCHEMA_IN_FILE = re.compile(rb'\\"schema\\": (\d{1,9})\b')  # of a record inside its file
-
-
-class StoreError(files.FileError):
-    """A folder that cannot be used; the message says what to do."""
 
 
 class RecordFile(Shape, frozen=True):
@@ -77,11 +74,11 @@ def older_schema(folder: Path) -> int:
 
 
 def refuse_older(folder: Path) -> None:
-    """StoreError for results of an older version."""
+    """FileError for results of an older version."""
     if schema := older_schema(folder):
         suite = Place(folder) / "suite.toml"
         again = f"run the suite again: mbsbench run {suite}" if suite.is_own_file() else "run its suite again"
-        raise StoreError(f"{folder} holds results of an older version (schema {schema}); {again}")
+        raise FileError(f"{folder} holds results of an older version (schema {schema}); {again}")
 
 
 def refuse_links(folder: Path) -> None:
@@ -103,7 +100,7 @@ def create(folder: Path) -> Path:
     except NotOwn:
         raise
     except OSError as error:
-        raise StoreError(f"cannot write results to {folder}: {error.strerror or error}") from None
+        raise FileError(f"cannot write results to {folder}: {error.strerror or error}") from None
     return folder
 
 
@@ -112,12 +109,12 @@ def lock(folder: Path) -> BinaryIO:
     try:
         file = (Place(folder) / ".lock").open_file(os.O_RDWR | os.O_CREAT)
     except OSError as error:
-        raise StoreError(f"cannot lock {folder} by its file .lock: {error.strerror or error}") from None
+        raise FileError(f"cannot lock {folder} by its file .lock: {error.strerror or error}") from None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         file.close()
-        raise StoreError(f"another runner is writing to {folder}; wait for it or give another --out") from None
+        raise FileError(f"another runner is writing to {folder}; wait for it or give another --out") from None
     return file
 
 
@@ -142,25 +139,25 @@ def write_record(folder: Path, record: RunRecord) -> Path:
 
 
 def read_record(path: Path | Place) -> RunRecord:
-    """The record in ``path``, or BadRecord; its file name must be its content address."""
+    """The record in ``path``, or FileError; its file name must be its content address."""
     place = place_of(path)
     try:
         return record_in(place.name, place.read(LARGEST))
     except OSError as error:
-        raise BadRecord(f"cannot read record {place}: {error.strerror or error}") from None
+        raise FileError(f"cannot read record {place}: {error.strerror or error}") from None
 
 
 def record_in(name: str, text: bytes) -> RunRecord:
-    """The record that the file ``name`` holds, or BadRecord."""
-    outer = shaped(files.parse_json(text, "record file", BadRecord), RecordFile, "record file", BadRecord)
+    """The record that the file ``name`` holds, or FileError."""
+    outer = shaped(files.parse_json(text, "record file"), RecordFile, "record file")
     if _digest(outer.record) != outer.sha256:
-        raise BadRecord("its digest does not match: truncated or changed")
+        raise FileError("its digest does not match: truncated or changed")
     record = from_json(outer.record)
     if f"{record.run_id}.json" != name:
-        raise BadRecord(f"it is the record of run {record.run_id}")
+        raise FileError(f"it is the record of run {record.run_id}")
     for column in ("series", "stderr"):  # a name in its part of this folder, and no way out of it
         if (place := getattr(record, column)) and not IN_PART[column].fullmatch(place):
-            raise BadRecord(f"column {column} must be a file in {column}/ (got {place[:80]!r})")
+            raise FileError(f"column {column} must be a file in {column}/ (got {place[:80]!r})")
     return record
 
 
@@ -189,20 +186,22 @@ def load(folder: Path, *, check_series: bool = True) -> Loaded:
     refuse_older(folder)
     runs = Place(folder) / "runs"
     if not runs.is_folder():
-        raise StoreError(f"{folder} holds no results (it has no runs/)")
+        raise FileError(f"{folder} holds no results (it has no runs/)")
     good, bad = [], []
     for name, content in runs.contents(LARGEST):
         place = runs / name
         try:
             if isinstance(content, OSError):
-                raise BadRecord(f"cannot read record {place}: {content.strerror or content}")
+                raise FileError(f"cannot read record {place}: {content.strerror or content}")
             record = record_in(name, content)
+        except FileError as error:
+            bad.append(Unreadable(place.path, str(error)))
+            continue
+        try:
             if check_series and record.series:
                 read_series(Place(folder) / record.series, record.series_sha256)
             good.append(record)
-        except BadRecord as error:
-            bad.append(Unreadable(place.path, str(error)))
-        except BadSeries as error:
+        except FileError as error:
             bad.append(Unreadable(place.path, f"its series file {record.series}: {error}"))
             if (Place(folder) / record.series).kind():
                 bad.append(Unreadable(folder / record.series, str(error)))

@@ -10,12 +10,13 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ...harness.files import FileError
 from ...harness.results import store
 from ...harness.results.naming import named, text_of
 from ...harness.results.provenance import stamp_of
 from ...harness.results.provisional import latest_of_each
 from ...harness.results.records import RunRecord
-from ...harness.results.series import BadSeries, Series, check_series
+from ...harness.results.series import Series, check_series
 from ...harness.results.words import why
 from ...harness.types import Status
 
@@ -167,7 +168,7 @@ class Results:
         """None where the file is damaged, too: the figure says so."""
         try:
             return self.series(run)
-        except BadSeries:
+        except FileError:
             return None
 
 
@@ -195,7 +196,7 @@ def _series_fault(folder: Path, record: RunRecord) -> str:
         return ""
     try:
         check_series(folder / record.series, record.series_sha256)
-    except BadSeries as error:
+    except FileError as error:
         return f"its series file {record.series}: {error}"
     return ""
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from ...harness.files import FileError
 from ...harness.places import Place
-from ...harness.results.judgements.files import FOLDER, PUBLISHED, File, JudgementError, read_judgement
+from ...harness.results.judgements.files import FOLDER, PUBLISHED, File, read_judgement
 from ..model.results import Run
 
 JUDGE = "mbsbench judge"
@@ -44,7 +45,7 @@ def read_or_why(folder: Place, file: File[T], command: str) -> Judged[T]:
         return Judged(read_judgement(file, folder))
     except FileNotFoundError:
         return Judged(why=f"There is no {folder.name}/{file.name}.json yet. To make it: {command}")
-    except JudgementError as error:
+    except FileError as error:
         return Judged(why=f"{error}. To make it anew: {command}")
 
 

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...harness.files import FileError
 from ...harness.places import Place
 from ...harness.results.judgements.claims import Claim
 from ...harness.results.judgements.files import FOLDER, PUBLISHED, read_claims
-from ...harness.results.store import StoreError
 from ..model import claim_words, curves
 from .captions import COLUMNS, Caption, CaptionClaim, CaptionRun
 from .lines import Line
@@ -34,7 +34,7 @@ def judged_claims(folder: Path) -> tuple[tuple[Claim, ...], bool]:
     """The claims judged by these results; the published ones, and True, where there are none that can be read."""
     try:
         own = read_claims(Place(folder) / FOLDER)
-    except StoreError:
+    except FileError:
         own = None
     return (read_claims(PUBLISHED) or (), True) if own is None else (own, False)
 

@@ -21,7 +21,7 @@ from ...harness.catalogue.registry import solver
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.classical import SymbolicOptions
 from ..formulations.ida import FAILURES
-from ..formulations.recording import Clock, StepFailure, march, trajectory
+from ..formulations.recording import Clock, StepFailure, march
 from ..formulations.start import coordinates_and_velocities, layout_for
 from ..formulations.strong_form import StrongForm
 from ..formulations.sundials import ONE_STEP_LIMIT
@@ -63,7 +63,6 @@ class Cvode(SymbolicOptions):
                 max_step=control.max_step or 0.0, max_num_steps=ONE_STEP_LIMIT,
             )  # fmt: skip
             cvode.init_step(0.0, y)
-            setup_time = clock.restart()
 
             def advance() -> tuple[float, np.ndarray, np.ndarray]:
                 nonlocal form
@@ -76,7 +75,5 @@ class Cvode(SymbolicOptions):
                 form = form.renew(step.y)
                 return step.t, step.y, reaction
 
-            done = march(advance, (0.0, y, reaction), layout, problem.t_end, control, clock)
-            cpu_time = clock.cpu_time()
-        notes = (*notes, made_by("scikit-sundae"))
-        return trajectory(layout, done, work, notes, cpu_time=cpu_time, setup_time=setup_time)
+            notes = (*notes, made_by("scikit-sundae"))
+            return march(problem, control, layout, clock, advance, y, reaction, lambda steps: work, notes)

@@ -1,6 +1,7 @@
 """Options and refusals shared by the solvers on the symbolic route, Eqs. (65) and (92)-(94)."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.types import Problem, StepControl
@@ -17,13 +18,15 @@ from .traced import without_expression
 class SymbolicOptions(Clocked):
     """Coordinates, and the treatment of redundant rows."""
 
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "rtol"
+
     coordinates: str = option(
         "quaternion", "chart of each body; the paper's is euler313", choices=("quaternion", "euler313")
     )
     redundancy: str = option(
-        "drop",
-        "redundant rows: drop all but an independent set at the start, or refuse",
-        choices=("drop", "refuse"),
+        "drop", "redundant rows: drop all but an independent set at the start, or refuse", choices=("drop", "refuse")
     )
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:

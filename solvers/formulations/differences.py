@@ -8,7 +8,9 @@ It has no memory: MATLAB's and SciPy's ``num_jac`` adapt a factor that grows wit
 from collections.abc import Callable
 
 import numpy as np
+import scipy.sparse as sp
 from jaxtyping import Float, Int
+from scipy.optimize._numdiff import group_columns
 
 from .dae import ImplicitForm
 from .layout import Layout
@@ -49,17 +51,8 @@ class DifferencedForm(ImplicitForm):
 
 def column_groups(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " _"]]:
     """Groups of columns of which no two share a row, first fit, each as the ``used`` nonzeros in it."""
-    taken: list[np.ndarray] = []  # rows of each group
-    entries_of: list[list[np.ndarray]] = []
-    for start, end in zip(pattern.indptr[:-1], pattern.indptr[1:], strict=True):
-        entries = np.arange(start, end)[used[start:end]]
-        if len(entries) == 0:
-            continue
-        rows = pattern.rows[entries]
-        group = next((k for k, there in enumerate(taken) if not there[rows].any()), len(taken))
-        if group == len(taken):
-            taken.append(np.zeros(pattern.shape[0], dtype=bool))
-            entries_of.append([])
-        taken[group][rows] = True
-        entries_of[group].append(entries)
-    return [np.concatenate(entries) for entries in entries_of]
+    entries = np.flatnonzero(used)
+    rows, columns = pattern.rows[entries], pattern.columns[entries]
+    structure = sp.csc_matrix((np.ones(len(entries)), (rows, columns)), shape=pattern.shape)
+    group = group_columns(structure, np.arange(pattern.shape[1]))[columns]
+    return [entries[group == k] for k in np.unique(group)]

@@ -5,7 +5,7 @@ every Jacobian is factorised once. Errors are measured in the weighted root mean
 fixes in its vectors.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -16,7 +16,7 @@ from .generated import Program
 from .generated.steps import take
 from .layout import Layout
 from .linear import BAND_WORK, find_band
-from .recording import Clock, StepFailure, march, trajectory
+from .recording import Clock, StepFailure, march
 from .sundials import OUT_OF_TIME, Equations, Ida
 
 DENSE_BELOW = 40  # unknowns
@@ -31,44 +31,24 @@ FAILURES = {
 }
 
 
-@dataclass(frozen=True)
-class Start:
-    """What the integration starts from, and what its error test leaves out."""
-
-    y: Float[np.ndarray, " n"]
-    y_dot: Float[np.ndarray, " n"]
-    out_of_test: tuple[slice, ...]
-    first_step: float = 0.0  # [s]; 0: IDA's own choice
-
-
 def integrate(
-    problem: Problem,
-    control: StepControl,
-    layout: Layout,
-    form: ImplicitForm,
-    start: Start,
-    notes: tuple[str, ...],
-    clock: Clock,
-) -> Trajectory:
-    """The trajectory by IDA; ``clock`` runs since the set-up began."""
+    problem: Problem, control: StepControl, layout: Layout, form: ImplicitForm, y: Float[np.ndarray, " n"],
+    y_dot: Float[np.ndarray, " n"], out_of_test: tuple[slice, ...], notes: tuple[str, ...], clock: Clock, *,
+    first_step: float = 0.0,
+) -> Trajectory:  # fmt: skip
+    """The trajectory by IDA from (``y``, ``y_dot``); parts of y ``out_of_test`` are in no error test.
+
+    ``clock`` runs since the set-up began; ``first_step`` [s], 0 lets IDA choose it.
+    """
     assert control.rtol is not None  # the catalogue has seen to it
-    atol = np.full(layout.n, control.rtol)
-    for part in start.out_of_test:
-        atol[part] = OUT_OF_TEST
     order, place, linear_solver = _choose_order(form)
     equations = _in_order(form, order, place)
-    equations.y[:], equations.y_dot[:] = start.y[order], start.y_dot[order]
+    equations.y[:], equations.y_dot[:] = y[order], y_dot[order]
     with Ida(
-        equations,
-        linear_solver,
-        rtol=control.rtol,
-        atol=atol[order],
-        first_step=min(start.first_step, control.max_step or np.inf),
-        max_step=control.max_step or 0.0,
-        seconds=clock.left(),
-    ) as ida:
+        equations, linear_solver, rtol=control.rtol, atol=tolerances(control.rtol, layout.n, out_of_test)[order],
+        first_step=min(first_step, control.max_step or np.inf), max_step=control.max_step or 0.0, seconds=clock.left(),
+    ) as ida:  # fmt: skip
         ida.stop_at(problem.t_end)
-        setup_time = clock.restart()
         lam = layout.lam
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
@@ -81,16 +61,20 @@ def integrate(
             y = y.take(place)
             return t, y, layout.all_rows(y[lam])
 
-        done = march(advance, (0.0, start.y, layout.all_rows(start.y[lam])), layout, problem.t_end, control, clock)
-        cpu_time = clock.cpu_time()
-        evaluations, jacobians = ida.evaluations, ida.jacobians
-    counters = {
-        "evaluations": evaluations + form.difference_evaluations,
-        "jacobians": jacobians,
-        "factorisations": jacobians,
-        "difference_evaluations": form.difference_evaluations,
-    }
-    return trajectory(layout, done, counters, notes, cpu_time=cpu_time, setup_time=setup_time)
+        def count(steps: int) -> dict[str, int]:
+            spent, jacobians = form.difference_evaluations, ida.jacobians
+            counted = {"jacobians": jacobians, "factorisations": jacobians, "difference_evaluations": spent}
+            return {"evaluations": ida.evaluations + spent, **counted}
+
+        return march(problem, control, layout, clock, advance, y, layout.all_rows(y[lam]), count, notes)
+
+
+def tolerances(rtol: float, n: int, out_of_test: Sequence[slice]) -> Float[np.ndarray, " n"]:
+    """Absolute tolerances of ``n`` unknowns: ``rtol``, but for what is in no error test."""
+    atol = np.full(n, rtol)
+    for part in out_of_test:
+        atol[part] = OUT_OF_TEST
+    return atol
 
 
 def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:

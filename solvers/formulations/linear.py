@@ -73,7 +73,7 @@ class Factors:
     def factorise(self, data: Num[np.ndarray, " nnz"]) -> None:
         """Take the matrix with these nonzeros."""
         if not self.steps:
-            self._superlu = splu(self._pattern.column_matrix(data))
+            self._superlu = splu(self._pattern.matrix(data))
             return
         self._band.fill(0.0)
         self._band[self._entries] = data

@@ -80,89 +80,55 @@ class Clocked(ABC):
             return no_trajectory(problem, failure.status, f"before the first step: {failure.message}")
 
 
-@dataclass
-class March:
-    """The result of the integration: accepted (t, y, reaction on all rows), status and message."""
-
-    t: list[float]
-    y: list[Float[np.ndarray, " n"]]
-    reaction: list[Float[np.ndarray, " nrows"]]
-    status: Status = Status.SUCCESS
-    message: str = ""
-
-
 Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, " nrows"]]]  # one step: t, y, reaction
 
 
 def march(
-    advance: Advance,
-    start: tuple[float, np.ndarray, np.ndarray],
-    layout: Layout,
-    t_end: float,
-    control: StepControl,
-    clock: Clock,
-) -> March:
-    """Call ``advance`` until ``t_end`` [s] or a failure; its arrays are copied."""
-    t, y, reaction = start
-    done = March([t], [y.copy()], [reaction.copy()])
+    problem: Problem, control: StepControl, layout: Layout, clock: Clock, advance: Advance, y: Float[np.ndarray, " n"],
+    reaction: Float[np.ndarray, " nrows"], counters: Callable[[int], Mapping[str, int]], notes: tuple[str, ...],
+) -> Trajectory:  # fmt: skip
+    """The motion by ``advance``, from ``y`` and ``reaction`` at the start to the end or a failure.
+
+    Its arrays are copied; ``counters`` are asked with the number of steps. A failure near a singularity of chart or
+    constraints says so. Until here was the set-up.
+    """
+    setup_time, times, ys, reactions = clock.restart(), [0.0], [y.copy()], [reaction.copy()]
+    status, message = Status.SUCCESS, "reached the end"
     try:
-        while t < t_end:
-            if len(done.t) > control.max_steps:
+        while times[-1] < problem.t_end:
+            if len(times) > control.max_steps:
                 raise StepFailure(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
             clock.check()
-            before = t
-            t, y, reaction = advance()
+            with np.errstate(all="ignore"):  # overflow on the way to a failure that is reported
+                t, y, reaction = advance()
             if not np.isfinite(y).all():
                 raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
-            if not t > before:
+            if not t > times[-1]:
                 raise StepFailure(Status.STEP_UNDERFLOW, "the step fell below the spacing of floating-point times")
-            done.t.append(t)
-            done.y.append(y.copy())
-            done.reaction.append(reaction.copy())
+            times.append(t)
+            ys.append(y.copy())
+            reactions.append(reaction.copy())
             if control.spool is not None and control.spool.due():
                 new = slice(control.spool.rows, None)
-                control.spool.take(done.t[new], _states(layout, np.array(done.y[new])))
-            if len(done.t) % LOOK_EVERY == 0:
+                control.spool.take(times[new], _states(layout, np.array(ys[new])))
+            if len(times) % LOOK_EVERY == 0:
                 _check_constraints(layout, y)
-        done.message = "reached the end"
     except StepFailure as failure:
-        done.status = failure.status
-        done.message = f"stopped at t = {done.t[-1]:.6g} s: {failure.message}"
+        status, message = failure.status, f"stopped at t = {times[-1]:.6g} s: {failure.message}"
     except MemoryError:
-        done.status, done.message = Status.MEMORY, f"stopped at t = {done.t[-1]:.6g} s: out of memory"
-    return done
-
-
-def trajectory(
-    layout: Layout,
-    done: March,
-    counters: Mapping[str, int],
-    notes: tuple[str, ...],
-    *,
-    cpu_time: float,
-    setup_time: float,
-) -> Trajectory:
-    """The coordinate-free record; a failure near a singularity of chart or constraints says so."""
-    y, nt = np.array(done.y), len(done.t)
-    states = _states(layout, y).timed(np.array(done.t))
-    margin = layout.chart.margin(y[:, layout.p].reshape(nt, layout.system.nb, layout.chart.size))
-    status, message = done.status, done.message
+        status, message = Status.MEMORY, f"stopped at t = {times[-1]:.6g} s: out of memory"
+    cpu_time, t_all, y_all, nt = clock.cpu_time(), np.array(times), np.array(ys), len(times)
+    states = _states(layout, y_all).timed(t_all)
+    margin = layout.chart.margin(y_all[:, layout.p].reshape(nt, layout.system.nb, layout.chart.size))
     if status is not Status.SUCCESS:
         blamed, reasons = _blame(layout, states, margin, status)
         status = status if status in (Status.STALLED, Status.MEMORY) else blamed
         message += reasons
     return Trajectory(
-        t=np.array(done.t),
-        states=states,
-        status=status,
-        message=message,
-        counters={"steps": nt - 1, **counters},
-        reaction=np.array(done.reaction),
-        diagnostics={"chart_margin": margin},
-        notes=notes,
-        cpu_time=cpu_time,
-        setup_time=setup_time,
-    )
+        t=t_all, states=states, status=status, message=message, counters={"steps": nt - 1, **counters(nt - 1)},
+        reaction=np.array(reactions), diagnostics={"chart_margin": margin}, notes=notes,
+        cpu_time=cpu_time, setup_time=setup_time,
+    )  # fmt: skip
 
 
 def no_trajectory(problem: Problem, status: Status, message: str) -> Trajectory:

@@ -100,10 +100,7 @@ class Saddle:
                 take(right, place, self._lam),
                 add_products(A, every, self._lam, pattern.rows, back, pattern.columns),
             ]
-        solve += [
-            set_to_zero(self._u_dot),
-            add_products(blocks, in_blocks, back, W.columns, self._u_dot, W.rows),
-        ]
+        solve += [set_to_zero(self._u_dot), add_products(blocks, in_blocks, back, W.columns, self._u_dot, W.rows)]
         self._factor, self._solve = Program(factor), Program(solve)
 
     @property

@@ -5,7 +5,7 @@ The pattern is structural, found once; zeros that happen to occur stay in it.
 
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Num
 
 
 class FixedPattern:
@@ -48,19 +48,10 @@ class FixedPattern:
         """Column of each nonzero."""
         return self.major if self.by_column else self.indices
 
-    def matrix(self, data: Float[np.ndarray, " nnz"]) -> sp.csr_array:
-        """A row-wise pattern as a scipy array."""
-        return sp.csr_array((data, self.indices, self.indptr), shape=self.shape)
-
-    def column_matrix(self, data: Float[np.ndarray, " nnz"]) -> sp.csc_matrix:
-        """A pattern by columns as the matrix type the integrators expect."""
-        return sp.csc_matrix((data, self.indices, self.indptr), shape=self.shape)
-
-    def dense(self, data: Float[np.ndarray, " nnz"]) -> Float[np.ndarray, "n m"]:
-        """As a full matrix, for systems small enough that this is faster."""
-        out = np.zeros(self.shape, dtype=data.dtype)
-        out[self.rows, self.columns] = data
-        return out
+    def matrix(self, data: Num[np.ndarray, " nnz"]) -> sp.csr_array | sp.csc_array:
+        """As a scipy array."""
+        kind = sp.csc_array if self.by_column else sp.csr_array
+        return kind((data, self.indices, self.indptr), shape=self.shape)
 
 
 class FixedProduct:

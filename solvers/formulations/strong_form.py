@@ -9,14 +9,13 @@ that of plain index 1 without stabilisation. Here f_bar = c . f and C_bar = -c^T
 diagonal as in Eq. (35), in the coordinate-free velocities V.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Float
 
 from ...harness.mechanics.system import GROUND
@@ -60,24 +59,21 @@ class RowTerms(NamedTuple):
     f_bar: Float[np.ndarray, " k"]
 
 
-@dataclass(frozen=True)
-class Choice:
-    """What Eqs. (31), (32) leave open: the direction c, and C_bar, K_bar of every row beyond those of Eq. (32)."""
-
-    direction: str = "a"
-    c_bar: float = 0.0  # [kg/s] of point rows
-    k_bar: float = 0.0  # [N/m] of point rows
-
-
 class StrongForm:
-    """Eq. (65) on the kept rows, with optional Baumgarte terms. Holds buffers: one instance a run."""
+    """Eq. (65) on the kept rows, with optional Baumgarte terms. Holds buffers: one instance a run.
 
-    def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0, choice: Choice = Choice()) -> None:
-        self._layout, self._options = layout, (alpha, beta, choice)
+    Open in Eqs. (31), (32): the ``direction`` c, and ``c_bar`` [kg/s], ``k_bar`` [N/m] of point rows beyond (32).
+    """
+
+    def __init__(
+        self, layout: Layout, alpha: float = 0.0, beta: float = 0.0, direction: str = "a", c_bar: float = 0.0,
+        k_bar: float = 0.0,
+    ) -> None:  # fmt: skip
+        self._layout, self._options = layout, (alpha, beta, direction, c_bar, k_bar)
         self._chosen: np.ndarray | None = None
         self._worn = 1.0  # the first choice is looked at, too
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
-        self._choice = choice
+        self._direction, self._given = direction, (c_bar, k_bar)
         row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         for of in rows_by_kind(self._bare):
             w, kept = of.ends.w, layout.row(of.rows)
@@ -102,7 +98,7 @@ class StrongForm:
         own = [np.zeros(layout.k) for _ in range(3)]
         self._f = self._gravity.copy()
         self._at = at = RowTerms(*of_motion, *own)
-        at.C_bar[:], at.K_bar[:] = choice.c_bar, choice.k_bar
+        at.C_bar[:], at.K_bar[:] = c_bar, k_bar
         c, self._lam, self._lam_dot, self._F, self._lam_ddot = (np.zeros(layout.k) for _ in range(5))
         self._saddle = Saddle(layout, self.pattern, InverseMass(layout, self._motion.y), at.A, at.e, c)
         terms = self.pattern.rows, self.pattern.columns
@@ -164,8 +160,8 @@ class StrongForm:
             np.add(self._gravity, self._loads.values(pu, self._at_rest, t), out=self._f)
         if self._springs is not None:
             c = self.pattern.matrix(self._of_c)
-            given = self._choice.c_bar, self._choice.k_bar
-            for to, least, slope in zip((self._at.C_bar, self._at.K_bar), given, self._springs.at(pu), strict=True):
+            rows = self._at.C_bar, self._at.K_bar
+            for to, least, slope in zip(rows, self._given, self._springs.at(pu), strict=True):
                 to[:] = least + np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
             np.maximum(self._at.K_bar, 0.0, out=self._at.K_bar)  # a negative one drives phi away exponentially
         self._before.run()
@@ -183,7 +179,7 @@ class StrongForm:
             out = np.concatenate([np.where(index < 0, -1, start + index) for start, index in parts], axis=1)
             parameters = np.concatenate((of.numbers, *inertia, moves), axis=1)
             z = np.concatenate((of.ends.z, of.ends.t), axis=1)
-            element = strong_row_element(of.kind, layout.chart, self._choice.direction)
+            element = strong_row_element(of.kind, layout.chart, self._direction)
             batches.append(Batch(element, parameters, z, of.ends.w, out))
         return batches
 
@@ -221,7 +217,7 @@ class _Springs:
         batch = Batch(free_spring_element(bare.chart), force_numbers(s, "spring"), z, ends.w, out)
         self._slopes, self._at_rest = Assembly(bare, [batch], 2 * self._m, differentiable=False), np.zeros(n)
 
-    def at(self, pu: np.ndarray) -> tuple[sp.csr_array, sp.csr_array]:
+    def at(self, pu: np.ndarray) -> tuple[Any, Any]:
         found, of = self._slopes.values(pu, self._at_rest), self._pattern
         return of.matrix(of.data(found[: self._m])), of.matrix(of.data(found[self._m :]))
 

@@ -28,8 +28,8 @@ from mbsbench.harness.mechanics.consistency import InconsistentStart, check_star
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from mbsbench.harness.metrics import measure
 from mbsbench.harness.results import store
-from mbsbench.harness.results.records import BadRecord, RunRecord, from_json, to_json
-from mbsbench.harness.results.series import BadSeries, read_series
+from mbsbench.harness.results.records import RunRecord, from_json, to_json
+from mbsbench.harness.results.series import read_series
 from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import load_suite, parse_suite
@@ -143,7 +143,7 @@ def test_records_are_read_or_refused(change, tmp_path_factory):
     """A record that is read has the types of its columns, goes back to the same text, and fits into a table."""
     text, path = json.dumps({**GOOD, **change}), tmp_path_factory.mktemp("r") / "abc.json"
     path.write_text(json.dumps({"record": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}))
-    record = told(lambda: store.read_record(path), BadRecord)
+    record = told(lambda: store.read_record(path), FileError)
     assert record is None or (
         to_json(from_json(to_json(record))) == to_json(record) and len(store.table([record])) == 1
     )
@@ -174,7 +174,7 @@ def test_noise_is_no_series_and_no_suite(noise, text, tmp_path_factory):
     path = tmp_path_factory.mktemp("s") / "x.npz"
     for content in (noise, b"PK\x03\x04" + noise, b"\x93NUMPY" + noise):
         path.write_bytes(content)
-        with pytest.raises(BadSeries):
+        with pytest.raises(FileError):
             read_series(path)
 
 

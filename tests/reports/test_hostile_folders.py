@@ -210,10 +210,7 @@ ELSEWHERE = {
     "harness/results/judgements/files.py": ("read_text", "that of harness/files.py, of a place"),
     "harness/results/npz.py": ("open", "a member of an archive that is open already"),
     "harness/results/provenance.py": ("read_text", "that of harness/files.py, of a place"),
-    "harness/results/store.py": (
-        "exists is_symlink mkdir symlink_to",
-        "the folder itself, and latest beside it",
-    ),
+    "harness/results/store.py": ("exists is_symlink mkdir symlink_to", "the folder itself, and latest beside it"),
     "harness/sandbox/isolation.py": ("open read_text", "/dev/null, /proc/self/status"),
     "reports/model/glossary.py": ("read_text", "our own glossary"),
     "reports/pages/base.py": ("read_bytes", "our own assets"),

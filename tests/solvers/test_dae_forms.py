@@ -46,7 +46,7 @@ def test_jacobians_are_exact(form, coordinates):
     multipliers = random.standard_normal(at.n - at.n_p - at.n_u)
     y, y_dot = np.concatenate((p.ravel(), u.ravel(), multipliers)), random.standard_normal(at.n)
     implicit = ImplicitForm(at, form, ALPHA, BETA)
-    of_y, of_y_dot = (implicit.pattern.dense(part) for part in implicit.jacobian(y, y_dot))
+    of_y, of_y_dot = (implicit.pattern.matrix(part).toarray() for part in implicit.jacobian(y, y_dot))
     for k, way in enumerate(np.eye(at.n)):
         h = STEP * way
         by_y = (implicit.residual(y + h, y_dot) - implicit.residual(y - h, y_dot)) / (2.0 * STEP)
@@ -109,7 +109,7 @@ def test_eta_moves_the_bodies_along_the_gradients_of_the_constraints(coordinates
     assert not np.any(change[at.n_p :])
     y_dot = np.zeros(at.n)
     velocity, position = (ImplicitForm(at, form, 0.0, 0.0) for form in ("velocity", "position"))
-    A = velocity.pattern.dense(velocity.jacobian(y, y_dot)[0])[at.lam, at.u]
+    A = velocity.pattern.matrix(velocity.jacobian(y, y_dot)[0]).toarray()[at.lam, at.u]
     moved = [y + way * np.append(change[at.p], np.zeros(at.n - at.n_p)) for way in (h, -h)]
     phi = [position.residual(z, y_dot)[at.lam] for z in moved]
     np.testing.assert_allclose((phi[0] - phi[1]) / (2.0 * h), A @ A.T @ eta, atol=1e-7 * np.max(np.abs(A @ A.T)))

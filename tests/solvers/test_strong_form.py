@@ -16,7 +16,7 @@ from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.saddle import InverseMass
 from mbsbench.solvers.formulations.start import Accelerations
-from mbsbench.solvers.formulations.strong_form import Choice, RowTerms, StrongForm
+from mbsbench.solvers.formulations.strong_form import RowTerms, StrongForm
 from mbsbench.solvers.formulations.symbolic import DIRECTIONS
 
 from .arbitrary_systems import arbitrary, consistent, linkage
@@ -53,21 +53,23 @@ def test_without_springs_the_strong_form_is_unstabilised_index_1(coordinates, se
     np.testing.assert_allclose(strong.reaction, reaction, atol=1e-10 * size)
 
 
-@pytest.mark.parametrize(("springs", "choice"), [(False, Choice()), (True, Choice("mass", c_bar=3.0, k_bar=40.0))])
+@pytest.mark.parametrize(
+    ("springs", "choice"), [(False, {}), (True, {"direction": "mass", "c_bar": 3.0, "k_bar": 40.0})]
+)
 @pytest.mark.parametrize("coordinates", CHARTS)
 @few
 @given(seed=seeds)
 def test_the_printed_matrix_equation_holds(coordinates, springs, choice, seed):
     """Both rows of Eq. (65), assembled densely with M, A, M_bar, vanish, at states off the constraints too."""
     at = layout(coordinates, springs=springs)
-    form, pu = StrongForm(at, choice=choice), position_and_velocity(at, arbitrary(at.system, seed))
+    form, pu = StrongForm(at, **choice), position_and_velocity(at, arbitrary(at.system, seed))
     lam, lam_dot = np.random.default_rng(seed).standard_normal((2, at.k))
     r = form.rates(pu, lam, lam_dot)
     s: RowTerms = form.terms(pu)
     inverse = InverseMass(at, pu)
     Program(inverse.steps).run()
-    M = np.linalg.inv(inverse.pattern.dense(inverse.data[inverse.places]))
-    A = form.pattern.dense(s.A)
+    M = np.linalg.inv(inverse.pattern.matrix(inverse.data[inverse.places]).toarray())
+    A = form.pattern.matrix(s.A).toarray()
     first = M @ r.u_dot - A.T @ (s.M_bar * r.lam_ddot) + s.e
     first -= A.T @ ((s.M_bar_dot + s.C_bar) * lam_dot + s.K_bar * lam - s.f_bar)
     second = s.M_bar * (A @ r.u_dot + s.gamma) + (s.M_bar_dot + s.C_bar) * s.phi_dot + s.K_bar * s.phi
@@ -94,7 +96,7 @@ def test_c_bar_and_k_bar_are_slopes_of_the_force_along_c(seed):
     at, h = layout("quaternion", springs=True), 1e-5
     form, pu = StrongForm(at), position_and_velocity(at, arbitrary(at.system, seed))
     terms = form.terms(pu)
-    A = form.pattern.dense(terms.A)
+    A = form.pattern.matrix(terms.A).toarray()
     c = A / np.sum(A * A, axis=1, keepdims=True)
 
     def force(pu: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from ...catalogue.options import nearest
-from ...files import parse_toml, read_text
+from ...files import FileError, parse_toml, read_text
 from ...shapes import LARGEST, Shape, Text, shaped
 from .evidence import MEASURES
 from .predicates import COMBINE, COMPARE, NEAREST, Band
@@ -21,10 +21,6 @@ REGISTER = Path(__file__).resolve().parents[3] / "results" / "claims.toml"
 PRESENTATION = "presentation"  # a check that we present a problem as the paper does, no result about a solver
 CHOICES = {"metric": tuple(MEASURES), "combine": (*COMBINE, NEAREST, ""), "compare": (*COMPARE, "")}
 Names = str | tuple[str, ...]
-
-
-class ClaimsError(ValueError):
-    """A register that cannot be judged by; the message is one line with the place."""
 
 
 class Test(Shape, frozen=True):
@@ -113,13 +109,13 @@ class _File(Shape, frozen=True):
 
 
 def read_register(path: Path = REGISTER) -> Register:
-    """The register in ``path``, or ClaimsError."""
-    return parse_register(read_text(path, "claims", ClaimsError), str(path))
+    """The register in ``path``, or FileError."""
+    return parse_register(read_text(path, "claims"), str(path))
 
 
 def parse_register(text: str, where: str = "claims") -> Register:
     """The register in ``text``; ``where`` names it in messages."""
-    file = shaped(parse_toml(text, where, ClaimsError), _File, where, ClaimsError)
+    file = shaped(parse_toml(text, where), _File, where)
     maps: dict[str, Map] = {}
     for name, row in file.maps.items():
         maps[name] = _map(name, row, maps, f"{where}: maps.{name}")
@@ -128,7 +124,7 @@ def parse_register(text: str, where: str = "claims") -> Register:
         at = f"{where}: claim {row['id']!r}" if isinstance(row.get("id"), str) else f"{where}: claim {k + 1}"
         claim = _claim(row, maps, at)
         if claim.id in claims:
-            raise ClaimsError(f"{at}: the id is taken")
+            raise FileError(f"{at}: the id is taken")
         claims[claim.id] = claim
     return Register(tuple(claims.values()), maps, file.solvers)
 
@@ -138,23 +134,23 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
     if isinstance(tests, list):
         tests = [_test(t, f"{at}: test {k + 1}") if isinstance(t, dict) else t for k, t in enumerate(tests)]
     named = {k: _named(row[k], maps, f"{at}: {k}") for k in ("map", "against") if k in row}
-    claim = shaped({**row, "tests": tests, **named}, Claim, at, ClaimsError)
+    claim = shaped({**row, "tests": tests, **named}, Claim, at)
     for k, need in enumerate(claim.needs):
         if sum(map(bool, (need.solver, need.observable, need.given))) != 1:
-            raise ClaimsError(f"{at}: needs {k + 1}: give one of solver, observable, given, and why")
+            raise FileError(f"{at}: needs {k + 1}: give one of solver, observable, given, and why")
     if not claim.needs and not (claim.tests and claim.map):
-        raise ClaimsError(f"{at}: a map and a test are needed, or needs, which says what is missing")
+        raise FileError(f"{at}: a map and a test are needed, or needs, which says what is missing")
     if len({t.combine == NEAREST for t in claim.tests}) > 1:
-        raise ClaimsError(f"{at}: combine = {NEAREST!r} goes with all tests or none: one and the same run meets them")
+        raise FileError(f"{at}: combine = {NEAREST!r} goes with all tests or none: one and the same run meets them")
     for k, t in enumerate(claim.tests):
         if bool(t.combine) != bool(claim.across):
-            raise ClaimsError(f"{at}: test {k + 1}: combine goes with across, and across with combine")
+            raise FileError(f"{at}: test {k + 1}: combine goes with across, and across with combine")
         if "along" in row and not claim.across:
-            raise ClaimsError(f"{at}: along goes with across")
+            raise FileError(f"{at}: along goes with across")
         if claim.at_equal_work and claim.against is None:
-            raise ClaimsError(f"{at}: at_equal_work goes with against")
+            raise FileError(f"{at}: at_equal_work goes with against")
         if bool(t.compare) != (claim.against is not None):
-            raise ClaimsError(f"{at}: test {k + 1}: compare goes with against, and against with compare")
+            raise FileError(f"{at}: test {k + 1}: compare goes with against, and against with compare")
     return claim
 
 
@@ -162,17 +158,17 @@ def _test(row: dict[str, Any], at: str) -> Test:
     metric = row.get("metric", "")
     for key, known in CHOICES.items():
         if (given := row.get(key, known[-1])) not in known:
-            raise ClaimsError(f"{at}: unknown {key} {given!r}{nearest(str(given), [k for k in known if k])}")
+            raise FileError(f"{at}: unknown {key} {given!r}{nearest(str(given), [k for k in known if k])}")
     takes, wants = (MEASURES[metric].takes, MEASURES[metric].wants) if metric else ((), ())
     arguments = {k: v for k, v in row.items() if k in takes}
     rest = {k: v for k, v in row.items() if k not in takes}
-    test = shaped({**rest, "arguments": arguments}, Test, at, ClaimsError)
+    test = shaped({**rest, "arguments": arguments}, Test, at)
     if absent := [k for k in wants if k not in row]:
-        raise ClaimsError(f"{at}: metric {metric} needs {absent[0]}")
+        raise FileError(f"{at}: metric {metric} needs {absent[0]}")
     if math.isinf(test.at_least) and math.isinf(test.at_most):
-        raise ClaimsError(f"{at}: a band is needed: at_least, at_most or both")
+        raise FileError(f"{at}: a band is needed: at_least, at_most or both")
     if test.at_least > test.at_most:
-        raise ClaimsError(f"{at}: the band is empty: at_least {test.at_least:g} is above at_most {test.at_most:g}")
+        raise FileError(f"{at}: the band is empty: at_least {test.at_least:g} is above at_most {test.at_most:g}")
     return test
 
 
@@ -181,12 +177,12 @@ def _map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Ma
     if isinstance(over, list):
         over = [s for k, given in enumerate(over) for s in _selections(given, maps, f"{at}: selection {k + 1}")]
     printed = [_one_a_key(p) for p in ([printed] if isinstance(printed, dict) else printed)]
-    found = shaped({**row, "name": name, "over": over, "printed": printed}, Map, at, ClaimsError)
+    found = shaped({**row, "name": name, "over": over, "printed": printed}, Map, at)
     for k, selection in enumerate(found.over):
-        shaped(selection, Selection, f"{at}: selection {k + 1}", ClaimsError)
+        shaped(selection, Selection, f"{at}: selection {k + 1}")
         for name, value in selection.items():
             if isinstance(value, dict):
-                shaped(value, Range, f"{at}: selection {k + 1}: {name}", ClaimsError)
+                shaped(value, Range, f"{at}: selection {k + 1}: {name}")
     return found
 
 
@@ -206,5 +202,5 @@ def _one_a_key(given: Any) -> Any:
 
 def _named(name: Any, maps: Mapping[str, Map], at: str) -> Map:
     if name not in maps:
-        raise ClaimsError(f"{at}: unknown map {name!r}{nearest(str(name), list(maps))}")
+        raise FileError(f"{at}: unknown map {name!r}{nearest(str(name), list(maps))}")
     return maps[name]

@@ -10,20 +10,15 @@ from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from ...files import parse_json, read_text, to_json
+from ...files import FileError, parse_json, read_text, to_json
 from ...places import Place
 from ...shapes import shaped
-from ..store import StoreError
 from .claims import SCHEMA, Claim, Code, Published
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 
 FOLDER = "judgement"
 PUBLISHED = Place(Path(__file__).resolve().parents[3] / "results" / "published")
 T = TypeVar("T")
-
-
-class JudgementError(ValueError):
-    """A file that is missing or has another shape; the message is one line."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ WRONG = File("wrong", tuple[FalseSuccess, ...])
 
 
 def read_judgement(file: File[T], folder: Place) -> T:
-    """The judgement in ``folder``; JudgementError where it is not one, FileNotFoundError where there is none."""
+    """The judgement in ``folder``; FileError where it is not one, FileNotFoundError where there is none."""
     if not file.schema:
         return _read(folder, file.name, file.kind)  # type: ignore[no-any-return]
     return getattr(_read(folder, file.name, Published), file.name)  # type: ignore[no-any-return]
@@ -56,8 +51,8 @@ def read_claims(folder: Place) -> tuple[Claim, ...] | None:
         return read_judgement(CLAIMS, folder)
     except FileNotFoundError:
         return None
-    except JudgementError as error:
-        raise StoreError(f"{error}; --publish writes it anew") from None
+    except FileError as error:
+        raise FileError(f"{error}; --publish writes it anew") from None
 
 
 def code_of_claims(folder: Place) -> Code:
@@ -70,10 +65,10 @@ def _read(folder: Place, name: str, kind: Any) -> Any:
     if not path.is_there():
         raise FileNotFoundError(path.path)
     where = f"{path.parent.name}/{path.name}"
-    plain = parse_json(read_text(path, "the judgement", JudgementError), where, JudgementError)
+    plain = parse_json(read_text(path, "the judgement"), where)
     if kind is Published and isinstance(plain, list):
-        raise JudgementError(f"{where}: of an older version (schema 1, expected {SCHEMA})")
-    return shaped(_restore_nan(plain, kind), kind, where, JudgementError)
+        raise FileError(f"{where}: of an older version (schema 1, expected {SCHEMA})")
+    return shaped(_restore_nan(plain, kind), kind, where)
 
 
 def add_code(claims: Sequence[Claim], code: Code) -> Published:

@@ -25,13 +25,7 @@ GATE = {
     "XPASS": Mark("!", "passes against expectation", "failed"), "FAIL": Mark("✗", "fail", "wrong"),
 }  # fmt: skip
 SHOWN = 60  # runs on the page, what got worse most first; the table file has all
-WORSE = {
-    "good": 0,
-    "inaccurate": 1,
-    "refused": 2,
-    "failed": 2,
-    "wrong": 3,
-}  # endings, worth more than digits
+WORSE = {"good": 0, "inaccurate": 1, "refused": 2, "failed": 2, "wrong": 3}  # endings, worth more than digits
 ENDING = 100.0  # [digits]
 HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",
          "energy_drift_max_J_last", "error_m_first", "error_m_last", "cpu_over_first", "gate")  # fmt: skip

@@ -10,8 +10,8 @@ from .entries import inner
 @inner
 def copy(source, target):
     """target := source, arrays of one shape."""
-    for at, value in np.ndenumerate(source):
-        target[at] = value
+    for a in range(source.size):
+        target.flat[a] = source.flat[a]
 
 
 @inner
@@ -104,8 +104,4 @@ def theta_dot(x, y, z, p, q, r):
         half = 0.5 * math.sqrt(s)
         c = (1.0 - half / math.tan(half)) / s
     u, v, w = y * r - z * q, z * p - x * r, x * q - y * p
-    return (
-        p + 0.5 * u + c * (y * w - z * v),
-        q + 0.5 * v + c * (z * u - x * w),
-        r + 0.5 * w + c * (x * v - y * u),
-    )
+    return (p + 0.5 * u + c * (y * w - z * v), q + 0.5 * v + c * (z * u - x * w), r + 0.5 * w + c * (x * v - y * u))

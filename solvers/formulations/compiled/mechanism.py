@@ -6,7 +6,7 @@ Its size is bounded: code grows with the mechanism, leaves the caches, and takes
 import hashlib
 from dataclasses import fields
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,20 +43,13 @@ def refusal(system: MultibodySystem, k: Kernel) -> str | None:
 
 
 def is_made(system: MultibodySystem, k: Kernel) -> bool:
-    """Whether the code is on disk."""
-    return is_kept(_key(system, k))
+    """Whether the code of accelerations is on disk."""
+    return is_kept(_key(system, k, ""))
 
 
 def use_code(system: MultibodySystem, k: Kernel) -> Coded:
     """Made, or loaded; NoCode where none can be made."""
-    reason = refusal(system, k)
-    if reason:
-        raise NoCode(reason)
-    code, about = Code(lambda: _print(system, k), _key(system, k)), np.zeros(2)
-    code.function("about", 1)(about.ctypes.data)
-    size, operations = (int(x) for x in about)
-    if operations > MOST_OPERATIONS:
-        raise NoCode(_too_large(operations))
+    code, operations, (size,) = code_of_mechanism(system, k)
     factor, at = np.zeros(size), [k.t, k.r, k.R, k.v]
     moved = [np.zeros_like(x) for x in at[1:]]
     project = (code.address("project"), [*at, factor, *moved]), (code.address("copy"), [*moved, *at[1:]])
@@ -67,6 +60,25 @@ def use_code(system: MultibodySystem, k: Kernel) -> Coded:
     return Coded(kernel, operations)
 
 
+def code_of_mechanism(
+    system: MultibodySystem, k: Kernel, step: str = "", **choices: Any
+) -> tuple[Code, int, list[int]]:
+    """Code of accelerations, or of a ``step`` of ``rows.simplified``; operations of its largest function; sizes.
+
+    NoCode where none can be made.
+    """
+    reason = refusal(system, k)
+    if reason:
+        raise NoCode(reason)
+    asked = f"{step} {choices}" if step else ""
+    code, about = Code(lambda: _print(system, k, step, choices), _key(system, k, asked)), np.zeros(4)
+    code.function("about", 1)(about.ctypes.data)
+    operations, *sizes = (int(x) for x in about)
+    if operations > MOST_OPERATIONS:
+        raise NoCode(_too_large(operations))
+    return code, operations, sizes[: 2 if step else 1]
+
+
 def _too_large(operations: int) -> str:
     return (
         f"code for the mechanism takes up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or more): "
@@ -74,22 +86,25 @@ def _too_large(operations: int) -> str:
     )
 
 
-def _print(system: MultibodySystem, k: Kernel) -> str:
-    """IR of the functions, and of ``about``, size of the factor and operations; alone, where they are too large."""
+def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
+    """IR of the functions, and of ``about``, operations and sizes; alone, where they are too large."""
     import casadi as ca
 
     from ..generated.functions import Straight, record_function
     from ..rows.mechanism import Mechanism, Part
+    from ..rows.simplified import SimplifiedStep
 
     parts = [
         Part(str(joints.KINDS[part.kind]), tuple(range(part.lo, part.hi)), part.joint, (int(i), int(j)), int(first))
         for part, (i, j), first in zip(parts_of(system)[1], k.body, k.row, strict=False)
     ]
-    functions, size = Mechanism(system, parts, _order(k)).functions()
-    operations = len(record_function(functions["accelerate"]).tape.operations)
+    made = (SimplifiedStep if step else Mechanism)(system, parts, _order(k))
+    functions, sizes = made.functions(**choices)
+    operations = len(record_function(functions[step or "accelerate"]).tape.operations)
     if operations > MOST_OPERATIONS:
         functions = {}
-    return print_functions({**functions, "about": Straight([], [ca.vertcat(size, operations)])})
+    about = ca.vertcat(operations, *sizes, *(0 for _ in range(3 - len(sizes))))
+    return print_functions({**functions, "about": Straight([], [about])})
 
 
 def _order(k: Kernel) -> list[int]:
@@ -105,7 +120,7 @@ def _least_operations(k: Kernel) -> int:
     return int(factor + LEAST_OF_A_ROW * len(k.lam))
 
 
-def _key(system: MultibodySystem, k: Kernel) -> str:
+def _key(system: MultibodySystem, k: Kernel, asked: str) -> str:
     """A digest of all numbers of a system, of the kernel's order, and of what makes code of them."""
     makers = _texts(), _text((__file__, str(FACTOR)))
     digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()}".encode())
@@ -113,4 +128,4 @@ def _key(system: MultibodySystem, k: Kernel) -> str:
         value = getattr(system, field.name)
         if isinstance(value, np.ndarray) and value.dtype != object:
             digest.update(f"{field.name} {value.shape} {value.dtype}".encode() + value.tobytes())
-    return f"mechanism {digest.hexdigest()}"
+    return f"mechanism {asked} {digest.hexdigest()}"

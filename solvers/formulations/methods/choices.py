@@ -10,8 +10,10 @@ import numpy as np
 from ....harness.catalogue.options import option
 from ....harness.mechanics.motion import applied, kinetic_energy
 from ....harness.mechanics.state import States
-from ....harness.mechanics.system import GROUND
+from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.types import Problem, StepControl
+from ..compiled import mechanism
+from ..compiled.kernel import empty_kernel
 
 CHOICES = ("a", "mass", "translation")  # of c_R
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
@@ -52,7 +54,15 @@ class Settings(NamedTuple):
     couple: int  # 1: body-to-body blocks of the Jacobian are kept
     extrapolate: float = 1.0  # 0: the first estimate of a step is its start
     simplified: int = 0  # 1: the simplified Newton method where it applies
+    whole: int = 0  # 1: with code for the mechanism
     penalty: Penalty = Penalty()
+
+
+def applies(settings: Settings, system: MultibodySystem) -> bool:
+    """Whether the simplified method solves the step that ``settings`` describe."""
+    plain = not (settings.corrective or settings.carry_sigma or settings.penalty.nested)
+    forces = sum(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i))
+    return plain and settings.simplified == 1 and not forces and system.is_pinned
 
 
 TOLD = (
@@ -117,6 +127,10 @@ class GaugeChoices:
         "extrapolated", "first estimate of a step, which the paper leaves open: extrapolated from the steps before, or "
         "the step's start", choices=("extrapolated", "start"),
     )  # fmt: skip
+    code: str = option(
+        "kernel", "machine code of the simplified method: loops over joints, or straight code made for the mechanism",
+        choices=("kernel", "mechanism"),
+    )  # fmt: skip
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
     max_turn: float = option(
         0.0, "cut the step where a body would turn further in it; 0: no limit", "rad", at_least=0.0
@@ -167,6 +181,7 @@ class GaugeChoices:
             couple=int(exact),
             extrapolate=float(self.estimate == "extrapolated"),
             simplified=int((self.newton, self.estimate, self.mu0) == ("simplified", "extrapolated", "zero")),
+            whole=int(self.code == "mechanism"),
         )
 
     @staticmethod
@@ -191,7 +206,18 @@ class GaugeChoices:
                 f"dt = {control.dt:g} s needs {steps:.3g} steps to t = {problem.t_end:g} s, "
                 f"more than max_steps = {control.max_steps}"
             )
-        return self.refuses_direction(problem)
+        return self.refuses_direction(problem) or self._refuses_code(problem)
+
+    def _refuses_code(self, problem: Problem) -> str | None:
+        """Why no code can be made of the mechanism, where it is asked for, or None."""
+        if self.code == "kernel":
+            return None
+        if self.max_turn or not applies(self.settings(problem), problem.system):
+            return (
+                "code for the mechanism is the simplified method's: gravity, spherical and revolute joints alone, none "
+                "of max_turn, sigma0, mu0, c_bar, k_bar; use code = kernel"
+            )
+        return mechanism.refusal(problem.system, empty_kernel(problem.system))
 
     def refuses_direction(self, problem: Problem) -> str | None:
         """Why c_R does not exist for a joint of the problem, or None."""

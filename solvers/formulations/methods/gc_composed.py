@@ -10,7 +10,7 @@ from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .choices import Settings
-from .gc_step import Step, accept_step, begin_march, begin_step, make_step, take_step
+from .gc_step import NEEDED, Step, accept_step, begin_march, begin_step, make_step, take_step
 
 
 class Composed(NamedTuple):
@@ -26,7 +26,7 @@ def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray
     def prepare(kernel: Kernel, control: np.ndarray) -> Composed:
         return Composed(make_step(system, kernel, control, choices), gamma)
 
-    return Method(prepare, step, finish, start, rate=rate, counters=("iterations", "factorisations"))
+    return Method(prepare, step, finish, start, rate=rate, counters=("iterations", "factorisations"), needs=NEEDED)
 
 
 def start(m):

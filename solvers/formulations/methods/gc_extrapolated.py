@@ -16,7 +16,7 @@ from ..compiled.entries import inner, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from .choices import Settings
-from .gc_step import Step, accept_step, begin_march, begin_step, make_step, restart, take_step
+from .gc_step import NEEDED, Step, accept_step, begin_march, begin_step, make_step, restart, take_step
 
 WIDEST = 2.5  # [rad] of a turn in one step: its logarithm is unique below pi
 NEAR, FORGET = 0.7, 1.05  # of a step that did not converge: how close the next ones come, and its growth a step
@@ -51,7 +51,7 @@ def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int)
         )  # fmt: skip
 
     counters = ("rejected", "iterations", "factorisations")
-    return Method(prepare, step, finish, start, order=2.0 * columns - 1.0, counters=counters)
+    return Method(prepare, step, finish, start, order=2.0 * columns - 1.0, counters=counters, needs=NEEDED)
 
 
 def start(m):

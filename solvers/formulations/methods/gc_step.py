@@ -17,28 +17,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import copy, turned_by
-from ..compiled.entries import inner, run
+from ..compiled.algebra import clear, copy, turned_by
+from ..compiled.entries import Bound, inner, run
 from ..compiled.kernel import Kernel
+from ..compiled.mechanism import code_of_mechanism
+from ..generated import Program
 from .choices import TOLD, Settings
 from .gc_wrenches import Arrays, WrenchLoops
 
-DEPTH = 4  # past steps from which the next one is extrapolated
+DEPTH, DEEP = 4, 6  # past steps from which the next one is estimated: by loops over joints, by code
 MOST = 30  # iterations a step
 REFRESHES = 2  # factors of S in a step
+PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
+NEEDED = ("rows", "factorise", "solve")
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 
 SCHEME = np.dtype(
     [(name, "f8") for name in ("gauge", "b_term", "tolerance", "refresh", "log_det", "fall")]
     + [(name, "i8") for name in ("direction", "use_f_bar", "keep_nu", "known", "factored", "rank", "begun")]
 )
-
-
-def applies(settings: Settings, system: MultibodySystem) -> bool:
-    """Whether this method solves the step that ``settings`` describe."""
-    plain = not (settings.corrective or settings.carry_sigma or settings.penalty.nested)
-    forces = sum(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i))
-    return plain and settings.simplified == 1 and not forces and system.is_pinned
 
 
 class Step(NamedTuple):
@@ -49,10 +46,10 @@ class Step(NamedTuple):
     scheme: Any  # record: the free choices; log10 det S and its last change; steps known of the past, whether there is
     # a factor, the rank of the rows at the start, whether the next step has begun
     told: Any  # (6,) ``TOLD``
-    begin: int  # entries of ``gc_wrenches``
-    impulses: int
+    impulses: int  # entries of ``gc_wrenches``
     rates: int
     loads: int
+    start: int
     plan: Any  # and their arrays
     numbers: Any
     u: Any
@@ -66,15 +63,21 @@ class Step(NamedTuple):
     R0: Any  # (nb, 3, 3)
     v0: Any  # (nb, 6)
     known: Any  # (nb, 6) the part of w that the end does not change
-    acceleration: Any  # (DEPTH, nb, 6) means over the last steps, in turn
-    impulse: Any  # (DEPTH, nrows) (nu1 - nu0) / dt of these steps
-    middle: Any  # (DEPTH,) [s] their middles
-    share: Any  # (DEPTH,) theirs in the estimate of the next step
+    acceleration: Any  # (depth, nb, 6) means over the last steps, in turn
+    impulse: Any  # (depth, nrows) (nu1 - nu0) / dt of these steps
+    middle: Any  # (depth,) [s] their middles
+    share: Any  # (depth,) theirs in the estimate of the next step
+    found: Any  # (2,) rank and log10 det S of the last factor
+    square: Any  # (1,) [J] of the last change
+    begin: Any = 0  # entries: ``known``, ``f_bar0`` and what else the start of a step leaves
+    factor: Any = 0  # S at the poses of the kernel, ``found``
+    iterate: Any = 0  # v and nu at the poses of the kernel, ``square``
+    correct: Any = 0  # poses onto phi = 0, with the factor at hand
 
 
 def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Step:
-    """Arrays of one step."""
-    nb, nr = len(kernel.mass), len(kernel.lam)
+    """Arrays and entries of one step."""
+    nb, nr, depth = len(kernel.mass), len(kernel.lam), DEEP if choices.whole else DEPTH
     scheme = np.zeros((), dtype=SCHEME)
     for name in ("gauge", "b_term", "tolerance", "refresh", "direction", "use_f_bar", "keep_nu"):
         scheme[name] = getattr(choices, name)
@@ -84,14 +87,44 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
     )
     plan = np.array([0.0, 0.0, float(scheme["gauge"])])
     arrays = Arrays(plan, numbers, np.zeros((nb, 6)), np.zeros((nb, 6)), *(np.zeros(nr) for _ in range(4)))
+    step = Step(
+        control, kernel, scheme, np.zeros(len(TOLD)), 0, 0, 0, 0, **arrays._asdict(), f_bar0=np.zeros(nr),
+        r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
+        acceleration=np.zeros((depth, nb, 6)), impulse=np.zeros((depth, nr)), middle=np.zeros(depth),
+        share=np.zeros(depth), found=np.zeros(2), square=np.zeros(1),
+    )  # fmt: skip
+    if choices.whole:
+        return _with_code(system, step, choices)
     loops = WrenchLoops(system, kernel)
     loops.at = arrays
-    entries = loops.entries(int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
-    return Step(
-        control, kernel, scheme, np.zeros(len(TOLD)), **entries, **arrays._asdict(), f_bar0=np.zeros(nr),
-        r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
-        acceleration=np.zeros((DEPTH, nb, 6)), impulse=np.zeros((DEPTH, nr)), middle=np.zeros(DEPTH),
-        share=np.zeros(DEPTH),
+    made = loops.entries(int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
+    step = step._replace(start=made.pop("begin"), **made)
+    correct = Bound(correct_poses, kernel) if choices.penalty.correct_pose else Program([])
+    return step._replace(
+        begin=Bound(begin_by_loops, step), factor=Bound(factor_by_loops, step), iterate=Bound(iterate_by_loops, step),
+        correct=correct,
+    )  # fmt: skip
+
+
+def _with_code(system: MultibodySystem, s: Step, choices: Settings) -> Step:
+    """Entries of straight code for the mechanism."""
+    k, names = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu")
+    code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: getattr(choices, name) for name in names})
+    start, factor, poses = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R]
+    moved, v, nu = [np.zeros_like(k.r), np.zeros_like(k.R)], np.zeros_like(k.v), np.zeros_like(s.nu)
+
+    def program(*calls: tuple[str, list[np.ndarray]]) -> Program:
+        return Program([(code.address(name), arrays) for name, arrays in calls], (code, k))
+
+    correct = ("correct", [*poses, factor, *moved]), ("copy_poses", [*moved, *poses[1:]])
+    return s._replace(
+        begin=program(("begin", [k.t, s.plan, k.r, k.R, k.v, s.nu_start, s.known, start, s.slip, s.f_bar0])),
+        factor=program(("factor", [*poses, factor, s.found])),
+        iterate=program(
+            ("iterate", [k.t, s.plan, k.r, k.R, k.v, s.known, start, s.nu, factor, v, nu, s.square]),
+            ("copy", [v, nu, k.v, s.nu]),
+        ),
+        correct=program(*correct * PASSES * choices.penalty.correct_pose),
     )  # fmt: skip
 
 
@@ -143,6 +176,12 @@ def begin_step(s, h):
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.v0)
+    run(s.begin)
+
+
+def begin_by_loops(s):
+    """``begin`` of any mechanism."""
+    k, h = s.kernel, 2.0 * s.plan[0]
     for b in range(len(k.mass)):
         v, J = k.v[b], k.J[b]
         l0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5]
@@ -152,7 +191,7 @@ def begin_step(s, h):
             k.w[b, a] = k.mass[b] * v[a] + h * s.numbers[b, a]
             k.w[b, 3 + a] = k.R[b, a, 0] * l0 + k.R[b, a, 1] * l1 + k.R[b, a, 2] * l2
     _spin(k, s.u)
-    run(s.begin)
+    run(s.start)
     copy(s.f_bar, s.f_bar0)
     copy(k.w, s.known)
 
@@ -160,23 +199,22 @@ def begin_step(s, h):
 @inner
 def _estimate(s, h, t):
     """v1 and nu1 with acceleration and row forces extrapolated to the middle of the step, at ``t``."""
-    k, known = s.kernel, min(s.scheme.known, DEPTH)
+    k, known = s.kernel, min(s.scheme.known, len(s.middle))
     for d in range(known):
         s.share[d] = h
         for c in range(known):
             if c != d:
                 s.share[d] *= (t - s.middle[c]) / (s.middle[d] - s.middle[c])
-    for b in range(len(k.mass)):
-        for a in range(6):
-            x = s.v0[b, a]
-            for d in range(known):
-                x += s.share[d] * s.acceleration[d, b, a]
-            k.v[b, a] = x
+    share = 1.0 / (1.0 - s.scheme.gauge)
+    copy(s.v0, k.v)
     for a in range(len(s.nu)):
-        x = s.nu_start[a]
-        for d in range(known):
-            x += s.share[d] * s.impulse[d, a]
-        s.nu[a] = x / (1.0 - s.scheme.gauge)
+        s.nu[a] = share * s.nu_start[a]
+    for d in range(known):
+        weight = s.share[d]
+        for a in range(k.v.size):
+            k.v.flat[a] += weight * s.acceleration[d].flat[a]
+        for a in range(len(s.nu)):
+            s.nu[a] += share * weight * s.impulse[d, a]
 
 
 @inner
@@ -199,22 +237,43 @@ def _to_velocities(s):
             s.u[b, a], s.u[b, 3 + a] = k.w[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
 
 
-@inner
-def _factor(s):
-    """S at the poses of ``k``; returns whether it has the rank of the start."""
+def factor_by_loops(s):
+    """``factor`` of any mechanism."""
     k, total = s.kernel, 0.0
     run(k.rows)
     run(k.factorise)
-    s.control.factorisations += 1
-    s.scheme.factored = 1
     for col in range(len(k.blocks.joint)):
         for c in range(k.blocks.size[col]):
             inverse = k.L[k.blocks.start[col], c, c]
             if inverse > 0.0:
                 total -= math.log10(inverse * inverse * k.diagonal[k.blocks.row[col] + c])
-    s.scheme.fall = total - s.scheme.log_det
-    s.scheme.log_det = total
-    return k.state.rank == s.scheme.rank
+    s.found[0], s.found[1] = k.state.rank, total
+
+
+@inner
+def _factor(s):
+    """S at the poses of ``k``; returns whether it has the rank of the start."""
+    run(s.factor)
+    s.control.factorisations += 1
+    s.scheme.factored = 1
+    s.scheme.fall = s.found[1] - s.scheme.log_det
+    s.scheme.log_det = s.found[1]
+    return s.found[0] == s.scheme.rank
+
+
+def iterate_by_loops(s):
+    """``iterate`` of any mechanism."""
+    k, share = s.kernel, 1.0 / (1.0 - s.scheme.gauge)
+    _spin(k, s.u)
+    copy(s.known, k.w)
+    run(s.impulses)
+    _to_velocities(s)
+    run(s.rates)
+    run(k.solve)
+    for a in range(len(s.nu)):
+        s.nu[a] += share * k.rhs[a]
+    run(s.loads)
+    s.square[0] = _take_velocities(s)
 
 
 @inner
@@ -246,29 +305,21 @@ def _take_velocities(s):
 @inner
 def take_step(s, h, t):
     """The step begun, of h and with its middle at t: last change of v1 [sqrt(J)], or -1 where it does not converge."""
-    k, g = s.kernel, s.scheme
+    g = s.scheme
     _estimate(s, h, t)
-    change, before, refreshed, share = np.inf, np.inf, 0, 1.0 / (1.0 - g.gauge)
+    change, before, refreshed = np.inf, np.inf, 0
     if g.fall < SINKING:  # on its way to a loss of rank: seen step by step
         g.factored = 0
     for _ in range(MOST + 1):
         move_poses(s)
         if change < g.tolerance:
             return change
-        _spin(k, s.u)
-        copy(s.known, k.w)
-        run(s.impulses)
         if g.factored == 0:
             refreshed += 1
             if not _factor(s):
                 return -1.0
-        _to_velocities(s)
-        run(s.rates)
-        run(k.solve)
-        for a in range(len(s.nu)):
-            s.nu[a] += share * k.rhs[a]
-        run(s.loads)
-        change = math.sqrt(_take_velocities(s))
+        run(s.iterate)
+        change = math.sqrt(s.square[0])
         s.control.iterations += 1
         s.control.residuals += 1
         s.control.solves += 1
@@ -288,7 +339,7 @@ def accept_step(s, h, t):
     """The step of h just made, its middle at t, becomes the past: its means, for the estimate of those that follow."""
     k = s.kernel
     s.scheme.known += 1
-    d = (s.scheme.known - 1) % DEPTH
+    d = (s.scheme.known - 1) % len(s.middle)
     for b in range(len(k.mass)):
         for a in range(6):
             s.acceleration[d, b, a] = (k.v[b, a] - s.v0[b, a]) / h
@@ -297,3 +348,20 @@ def accept_step(s, h, t):
         if s.scheme.keep_nu:
             s.nu_start[a] = s.nu[a]
     s.middle[d] = t
+
+
+def correct_poses(k):
+    """Least change of the poses, in the norm of M, that takes phi to zero, with the factor at hand."""
+    for _ in range(PASSES):
+        run(k.rows)
+        for a in range(len(k.rhs)):
+            k.rhs[a] = -k.phi[a]
+        run(k.solve)
+        for a in range(len(k.rhs)):
+            k.x[a] = k.rhs[a]
+        clear(k.w)
+        run(k.push)
+        for b in range(len(k.mass)):
+            for a in range(3):
+                k.r[b, a] += k.w[b, a]
+            turned_by(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5], k.R[b])

@@ -10,17 +10,15 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
-from ..compiled.algebra import clear, close_rotations, turned_by
+from ..compiled.algebra import close_rotations
 from ..compiled.entries import Bound, run
 from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
-from ..generated import Program
-from .choices import TOLD, GaugeChoices, Settings
+from .choices import TOLD, GaugeChoices, Settings, applies
 from .gc_newton_arrays import integrate_newton, newton_steps
-from .gc_step import DEPTH, Step, accept_step, applies, begin_march, begin_step, make_step, take_step
+from .gc_step import NEEDED, Step, accept_step, begin_march, begin_step, make_step, take_step
 
-PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
 ROUNDING = 1e-14  # of the square of the largest velocity, in any units: what is no acceleration and no load
 PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the simplified method does not solve
 
@@ -30,7 +28,6 @@ class Plain(NamedTuple):
 
     step: Step
     told: Any  # its
-    correct: Any  # entry: poses corrected to phi = 0, if they are
     penalty: Any  # (1,) told
     begin_next: Any = 0  # entry of the function here
 
@@ -50,9 +47,8 @@ def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Plain:
         one = make_step(system, kernel, control, choices)
-        correct = Bound(correct_poses, kernel) if choices.penalty.correct_pose else Program([])
         told = one.told if choices.penalty.active else one.told[:4]
-        plain = Plain(one, told, correct, np.array([choices.penalty.xi]))
+        plain = Plain(one, told, np.array([choices.penalty.xi]))
         return plain._replace(begin_next=Bound(begin_next, plain))
 
     def relieve(problem: Problem, marcher: Marcher) -> Any:
@@ -60,7 +56,8 @@ def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -
 
     return Method(
         prepare, step, finish, start, counters=full.counters, tells=TOLD if choices.penalty.active else TOLD[:4],
-        needs=("push",) if choices.penalty.correct_pose else (), relieve=relieve,
+        needs=(*NEEDED, *(("push",) if choices.penalty.correct_pose else ())), relieve=relieve,
+        notes=("code of the mechanism",) if choices.whole else (),
     )  # fmt: skip
 
 
@@ -147,7 +144,7 @@ class Relieved:
             other.start()
             f.terms.nu_start[:] = s.nu_start
             f.scheme["factored"], f.scheme["last"] = 0.0, h
-            last, before = ((int(s.scheme["known"]) - a) % DEPTH for a in (1, 2))
+            last, before = ((int(s.scheme["known"]) - a) % len(s.middle) for a in (1, 2))
             f.old_v[:] = s.v0 - h * s.acceleration[last]
             if s.scheme["keep_nu"]:
                 f.terms.increment[:] = h * s.impulse[last]
@@ -193,10 +190,10 @@ def step(m):
 def finish(m):
     """Poses of the end are corrected and closed; the step becomes the past, and ``lam`` its mean reaction."""
     s, c, k = m.step, m.step.control, m.step.kernel
-    run(m.correct)
+    run(s.correct)
     close_rotations(k.R)
     accept_step(s, c.h, c.t + 0.5 * c.h)
-    d = (s.scheme.known - 1) % DEPTH
+    d = (s.scheme.known - 1) % len(s.middle)
     for a in range(len(k.lam)):
         k.lam[a] = s.impulse[d, a] - 0.5 * s.f_bar0[a]
     k.t[0] = c.t + c.h
@@ -210,20 +207,3 @@ def finish(m):
     s.told[3] = math.sqrt(total)
     s.told[4] = m.penalty[0]
     s.told[5] = s.scheme.log_det
-
-
-def correct_poses(k):
-    """Least change of the poses, in the norm of M, that takes phi to zero, with the factor at hand."""
-    for _ in range(PASSES):
-        run(k.rows)
-        for a in range(len(k.rhs)):
-            k.rhs[a] = -k.phi[a]
-        run(k.solve)
-        for a in range(len(k.rhs)):
-            k.x[a] = k.rhs[a]
-        clear(k.w)
-        run(k.push)
-        for b in range(len(k.mass)):
-            for a in range(3):
-                k.r[b, a] += k.w[b, a]
-            turned_by(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5], k.R[b])

@@ -53,12 +53,12 @@ class RankedFactor(Factor):
     """L and 1/D of S; 1/D is 0 where a row depends on those before it."""
 
     def __init__(self, S: Matrix, order: Sequence[int]) -> None:
-        self._diagonal = {k: S[k][k] for k in order}
+        self.diagonal = {k: S[k][k] for k in order}
         super().__init__(S, order)
 
     def invert(self, k: int, pivot: Any) -> Any:
         """1/D of row ``k``."""
-        inverse = ca.if_else(pivot > DEPENDENT * self._diagonal[k], 1 / pivot, 0)
+        inverse = ca.if_else(pivot > DEPENDENT * self.diagonal[k], 1 / pivot, 0)
         return ca.fabs(inverse)  # else CasADi makes a division and a choice of every product with it
 
     def exchange_numbers(self, kept: ca.SX | None = None) -> ca.SX:
@@ -80,13 +80,17 @@ class Mechanism:
         self.system, self.parts, self.order = system, parts, order
         self.J_inv = [ca.sparsify(ca.DM(_snapped(a))) for a in np.linalg.inv(system.regular_inertia)]
 
-    def functions(self) -> tuple[dict[str, Straight], int]:
+    def state(self) -> State:
+        """Symbols."""
+        nb = self.system.nb
+        return State(ca.SX.sym("t"), ca.SX.sym("r", 3 * nb), ca.SX.sym("R", 9 * nb), ca.SX.sym("v", 6 * nb))
+
+    def functions(self) -> tuple[dict[str, Straight], list[int]]:
         """``accelerate`` (t, r, R, v) -> (v_dot, lam, factor), ``project`` (t, r, R, v, factor) -> (r, R, v), ``copy``.
 
         Projections take one pass each with the factor given. The second result is its size.
         """
-        nb, n = self.system.nb, len(self.order)
-        at = State(ca.SX.sym("t"), ca.SX.sym("r", 3 * nb), ca.SX.sym("R", 9 * nb), ca.SX.sym("v", 6 * nb))
+        n, at = len(self.order), self.state()
         rows = self._rows(at)
         factor = RankedFactor(self._matrix(rows), self.order)
         free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
@@ -96,11 +100,7 @@ class Mechanism:
         kept = ca.SX.sym("factor", numbers.numel())
         factor.exchange_numbers(kept)
 
-        x = factor.solve({k: -row.phi for k, row in rows.items()})
-        change = self._pushed([ca.SX.zeros(6)] * nb, rows, x)
-        R = [_turned(matrix(at.R[9 * b : 9 * b + 9]), change[b][3:]) for b in range(nb)]
-        r = at.r + ca.vertcat(*[a[:3] for a in change])
-        moved = State(at.t, r, ca.vertcat(*map(by_rows, R)), at.v)
+        moved = self._closed(at, rows, factor)
         rows = self._rows(moved)
         v = ca.vertsplit(at.v, 6)
         x = factor.solve({k: -row.phi_t - _rate(row, v) for k, row in rows.items()})
@@ -108,7 +108,14 @@ class Mechanism:
             "accelerate": Straight([*at], [ca.vertcat(*v_dot), _column([lam[k] for k in range(n)]), numbers]),
             "project": Straight([*at, kept], [moved.r, moved.R, ca.vertcat(*self._pushed(v, rows, x))]),
             "copy": Straight([*at[1:]], [*at[1:]]),
-        }, numbers.numel()
+        }, [numbers.numel()]
+
+    def _closed(self, at: State, rows: dict[int, Row], factor: Factor) -> State:
+        """After one correction of the poses."""
+        x = factor.solve({k: -row.phi for k, row in rows.items()})
+        change = self._pushed([ca.SX.zeros(6)] * self.system.nb, rows, x)
+        R = [_turned(matrix(at.R[9 * b : 9 * b + 9]), a[3:]) for b, a in enumerate(change)]
+        return at._replace(r=at.r + ca.vertcat(*[a[:3] for a in change]), R=ca.vertcat(*map(by_rows, R)))
 
     def _rows(self, at: State) -> dict[int, Row]:
         out: dict[int, Row] = {}

@@ -11,7 +11,8 @@ phi_dot = D^T u, B = dt/2 times the switch of the B term of Eq. (71), f_bar and 
 Entries of a matrix are kept once where they are equal or opposite: of a point row's torque three.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -35,7 +36,7 @@ def wrench_loops(
     ends = [bodies[0][:3], still if ground else bodies[1][:3]]
     moved = ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V, space=True), 1)
     rate = ca.jtimes(e.A.T @ x, *moved)
-    m_bar, f_bar = _measures(e, bodies[:n], direction)
+    m_bar, f_bar = measures(e, bodies[:n], direction)
     f_bar = f_bar if use_f_bar else ca.SX.zeros(len(rows))
     slip = m_bar * e.phi_dot**2
     Z = e.A.T + plan[1] * ca.jacobian(rate, x)
@@ -73,7 +74,14 @@ def _by_ends(w: ca.SX) -> list[ca.SX]:
 
 
 def _entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
-    """Symbols and values of the entries of a matrix that vary, and the matrix in these symbols.
+    """Symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
+    values, filled = distinct_entries(Z)
+    kept = ca.SX.sym("kept", len(values))
+    return (kept, ca.vertcat(*values)), filled(kept)
+
+
+def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
+    """The entries of a matrix that vary, and what makes the matrix of them.
 
     Two are one where they are equal, or opposite, at random numbers.
     """
@@ -99,12 +107,15 @@ def _entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
             which.append((1, len(found)))
             found.append(at[:, c])
             values.append(Z[c])
-    kept = ca.SX.sym("kept", len(values))
-    inside = [sign * kept[known] if sign else Z[c] for c, (sign, known) in enumerate(which)]
-    return (kept, ca.vertcat(*values)), ca.reshape(ca.vertcat(*inside), *Z.shape)
+
+    def filled(kept: Any) -> ca.SX:
+        inside = [sign * kept[known] if sign else Z[c] for c, (sign, known) in enumerate(which)]
+        return ca.reshape(ca.vertcat(*inside), *Z.shape)
+
+    return values, filled
 
 
-def _measures(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
+def measures(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
     """c . M c and c . (m g, 0) of each row."""
     A = e.A
     if direction == TRANSLATION:

@@ -17,7 +17,7 @@ from mbsbench.harness.execution.pool import LocalPool, PoolError
 from mbsbench.harness.execution.protocol import Done, Lost, Supervised
 from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.execution.runner import Request, last_folder, run_suite
-from mbsbench.harness.files import partial_of
+from mbsbench.harness.files import FileError, partial_of
 from mbsbench.harness.results import codes, environment, store
 from mbsbench.harness.suites.suite import parse_suite
 
@@ -177,7 +177,7 @@ def test_a_used_folder_is_not_overwritten(run_text, tmp_path):
     """Without --resume, results that are there are somebody's."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"'
     run_text(text)
-    with pytest.raises(store.StoreError, match="--resume"):
+    with pytest.raises(FileError, match="--resume"):
         run_text(text)
 
 

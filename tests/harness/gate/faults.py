@@ -120,12 +120,7 @@ FAULTS = (
         "s.half[b, a] += 0.51 * h * (k.force[b, a] / k.mass[b])",
         of(PENDULUM, "rattle"),
     ),
-    Fault(
-        METHODS + "rattle.py",
-        "copy(s.half, k.v)",
-        "copy(k.w, k.v)  # as before the force",
-        of(PENDULUM, "rattle"),
-    ),
+    Fault(METHODS + "rattle.py", "copy(s.half, k.v)", "copy(k.w, k.v)  # as before the force", of(PENDULUM, "rattle")),
     Fault(
         METHODS + "alpha.py",
         "share * c.beta * h * h, share * c.gamma * h",
@@ -133,10 +128,7 @@ FAULTS = (
         of(PENDULUM, "generalized_alpha"),
     ),
     Fault(
-        METHODS + "alpha.py",
-        "- c.alpha_m * s.a0[b, a]",
-        "+ c.alpha_m * s.a0[b, a]",
-        of(PENDULUM, "generalized_alpha"),
+        METHODS + "alpha.py", "- c.alpha_m * s.a0[b, a]", "+ c.alpha_m * s.a0[b, a]", of(PENDULUM, "generalized_alpha")
     ),
     Fault(
         "solvers/formulations/compiled/factor.py",

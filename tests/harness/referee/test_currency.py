@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 from msgspec.structs import replace
 
+from mbsbench.harness.files import FileError
 from mbsbench.harness.places import Place
 from mbsbench.harness.referee import judge as judging
 from mbsbench.harness.referee.claims.register import parse_register, read_register
@@ -12,7 +13,7 @@ from mbsbench.harness.referee.currency import code_now, describe_changes, descri
 from mbsbench.harness.results.codes import code_of
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import Code
-from mbsbench.harness.results.judgements.files import CLAIMS, JudgementError, read_judgement
+from mbsbench.harness.results.judgements.files import CLAIMS, read_judgement
 
 from .claiming import MAP, RUNS, TEST
 from .synthetic import HEAD, record
@@ -59,5 +60,5 @@ def test_words_of_a_claim_are_no_part_of_the_digest_and_bands_and_runs_are():
 
 def test_verdicts_of_an_older_version_are_refused_in_a_line(tmp_path):
     (tmp_path / "claims.json").write_text('[{"id": "a", "verdict": "SUPPORTED"}]')
-    with pytest.raises(JudgementError, match=r"^[^\n]*older version \(schema 1, expected 2\)$"):
+    with pytest.raises(FileError, match=r"^[^\n]*older version \(schema 1, expected 2\)$"):
         read_judgement(CLAIMS, Place(tmp_path))

@@ -14,6 +14,7 @@ from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.sandbox.apart import Ended
 from mbsbench.harness.types import EndedBy, StepControl
 from mbsbench.solvers.formulations.recording import Clock, march
+from mbsbench.solvers.formulations.start import coordinates_and_velocities, layout_for
 from mbsbench.solvers.gc_weak_form import GcWeakForm
 
 from .synthetic import bare, runs_of, series
@@ -29,14 +30,15 @@ def stopped_by_geometric_driver(**limits):
 
 def stopped_by_recording(**limits):
     """Those of the solvers with error control."""
-    t = iter(np.linspace(0.1, 10.0, 100))
-    start = 0.0, np.zeros(1), np.zeros(0)
-    clock = Clock(limits.pop("wall", None))
+    problem, t = registry.make_problem("torque_free_body", {"t_end": 10.0}), iter(np.linspace(0.1, 10.0, 100))
+    layout, clock = layout_for(problem, "quaternion")[0], Clock(limits.pop("wall", None))
+    y = coordinates_and_velocities(layout, problem)
     time.sleep(0.001)
-    done = march(
-        lambda: (next(t), np.zeros(1), np.zeros(0)), start, None, 10.0, StepControl(rtol=1e-3, **limits), clock
-    )
-    return done.status, done.message, len(done.t) - 1
+    found = march(
+        problem, StepControl(rtol=1e-3, **limits), layout, clock, lambda: (next(t), y, y[layout.lam]), y,
+        y[layout.lam], lambda steps: {}, (),
+    )  # fmt: skip
+    return found.status, found.message, found.counters["steps"]
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from mbsbench.harness.files import FileError
 from mbsbench.harness.referee.claims.maps import is_printed, place, select, values_of
 from mbsbench.harness.referee.claims.points import is_partner
-from mbsbench.harness.referee.claims.register import ClaimsError, parse_register, read_register
+from mbsbench.harness.referee.claims.register import parse_register, read_register
 from mbsbench.harness.referee.judge import list_tried
 from mbsbench.harness.suites.suite import load_suite
 
@@ -140,7 +141,7 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
     ],
 )
 def test_a_bad_register_is_refused_in_a_line_with_the_place(text, complaint):
-    with pytest.raises(ClaimsError, match=re.escape(complaint)) as caught:
+    with pytest.raises(FileError, match=re.escape(complaint)) as caught:
         parse_register(text)
     assert "\n" not in str(caught.value) and str(caught.value).startswith("claims:")
 
@@ -154,5 +155,5 @@ def test_a_map_takes_the_settings_of_another_and_keys_share_a_value():
 
 
 def test_a_register_that_is_not_there_is_a_line():
-    with pytest.raises(ClaimsError, match="cannot read claims"):
+    with pytest.raises(FileError, match="cannot read claims"):
         read_register(Path("nowhere/claims.toml"))

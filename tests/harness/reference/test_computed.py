@@ -90,10 +90,10 @@ def test_a_turned_system_has_the_turned_motion() -> None:
 
 
 FAULTS = [  # route, function, the same with a fault, motion
-    (NewtonEuler, "_forces", lambda own: lambda self, r, R, v, Omega: own(self, r, R, v, 0.8 * Omega), "free"),
-    (NewtonEuler, "_gamma", lambda own: lambda self, r, R, v, Omega: -own(self, r, R, v, Omega), "pendulum"),
-    (NewtonEuler, "_gamma", lambda own: lambda self, r, R, v, Omega: -own(self, r, R, v, Omega), "grid"),
-    (Directors, "_forces", lambda own: lambda self, x, x_dot: 1.001 * own(self, x, x_dot), "pendulum"),
+    (NewtonEuler, "_forces", lambda own: lambda self, r, R, v, Omega, t: own(self, r, R, v, 0.8 * Omega, t), "free"),
+    (NewtonEuler, "_gamma", lambda own: lambda self, *a: -own(self, *a), "pendulum"),
+    (NewtonEuler, "_gamma", lambda own: lambda self, *a: -own(self, *a), "grid"),
+    (Directors, "_forces", lambda own: lambda self, *a: 1.001 * own(self, *a), "pendulum"),
     (Directors, "_compliance", lambda own: lambda self, x: (own(self, x)[0], 0.99 * own(self, x)[1]), "free"),
 ]
 

@@ -11,14 +11,15 @@ import pytest
 
 from mbsbench.harness.execution import run_file
 from mbsbench.harness.execution.eta import durations
-from mbsbench.harness.execution.handover import BadHandover, Handover, SolverReport, read, write
+from mbsbench.harness.execution.handover import Handover, SolverReport, read, write
+from mbsbench.harness.files import FileError
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.places import NotOwn
 from mbsbench.harness.results import npz, store
 from mbsbench.harness.results.merging import merge
 from mbsbench.harness.results.npz import read_npz
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.series import BadSeries, Series, read_series, write_series
+from mbsbench.harness.results.series import Series, read_series, write_series
 from mbsbench.harness.results.words import why
 from mbsbench.harness.types import EndedBy
 
@@ -77,7 +78,7 @@ def test_a_linked_lock_leaves_its_target_as_it_is(tmp_path):
     precious.write_text("thesis")
     folder = store.create(tmp_path / "a")
     (folder / ".lock").symlink_to(precious)
-    with pytest.raises(store.StoreError, match=r"cannot lock .*"):
+    with pytest.raises(FileError, match=r"cannot lock .*"):
         store.lock(folder)
     assert precious.read_text() == "thesis"
 
@@ -120,9 +121,9 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
     assert bomb.stat().st_size < 2**12
     monkeypatch.setattr(npz, "_array", lambda content: pytest.fail("unpacked"))
     for module, call, error in (
-        ("results.series", lambda: read_series(bomb), BadSeries),
+        ("results.series", lambda: read_series(bomb), FileError),
         ("execution.run_file", lambda: run_file.read_run(bomb), ValueError),
-        ("execution.handover", lambda: read(bomb, assemble([RigidBody(1.0, np.eye(3))])), BadHandover),
+        ("execution.handover", lambda: read(bomb, assemble([RigidBody(1.0, np.eye(3))])), FileError),
     ):
         monkeypatch.setattr(f"mbsbench.harness.{module}.LARGEST", 2**14)
         with pytest.raises(error, match="bytes"):
@@ -133,7 +134,7 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
 def test_series_of_other_lengths_are_refused(tmp_path, name):
     """A page would index past the end."""
     write_series(tmp_path / "x.npz", series(frame_t=np.zeros(2), **{name: np.zeros(3)}))
-    with pytest.raises(BadSeries, match=name):
+    with pytest.raises(FileError, match=name):
         read_series(tmp_path / "x.npz")
 
 
@@ -164,7 +165,7 @@ def test_what_a_solver_hands_over_is_of_its_problem(tmp_path, arrays):
     system = assemble([RigidBody(1.0, np.eye(3))])
     said = np.asarray(json.dumps({"claimed": "success"}))
     np.savez(tmp_path / "x.npz", said=said, **({"t": np.zeros(1)} | arrays))
-    with pytest.raises(BadHandover, match="cannot be used"):
+    with pytest.raises(FileError, match="cannot be used"):
         read(tmp_path / "x.npz", system)
     write(tmp_path / "x.npz", Handover(SolverReport(message="refused"), None))
     assert read(tmp_path / "x.npz", system).trajectory is None  # type: ignore[union-attr]

@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+from mbsbench.harness.files import FileError
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.merging import merge
 
@@ -71,5 +72,5 @@ def test_contradictions_and_damage_are_reported(tmp_path, whole):
 def test_a_folder_is_not_merged_into_itself(tmp_path):
     """It would be read and written at once."""
     folder = store.create(tmp_path / "a")
-    with pytest.raises(store.StoreError, match="one of the folders"):
+    with pytest.raises(FileError, match="one of the folders"):
         merge(folder, [folder])

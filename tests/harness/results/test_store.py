@@ -10,9 +10,10 @@ import pandas as pd
 import pytest
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.files import FileError
 from mbsbench.harness.results import environment, records, store
-from mbsbench.harness.results.records import COLUMNS, BadRecord, RunRecord, from_json, to_json
-from mbsbench.harness.results.series import BadSeries, Series, read_series, write_series
+from mbsbench.harness.results.records import COLUMNS, RunRecord, from_json, to_json
+from mbsbench.harness.results.series import Series, read_series, write_series
 from mbsbench.harness.types import Status
 
 RECORD = RunRecord(
@@ -107,21 +108,21 @@ def test_foreign_records_are_refused(tmp_path):
 )  # fmt: skip
 def test_wrong_types_are_refused(change, words):
     """Numbers of 400 digits, escape sequences in names, other shapes than declared: checked before it is believed."""
-    with pytest.raises(BadRecord, match=words):
+    with pytest.raises(FileError, match=words):
         from_json(json.dumps({**json.loads(to_json(RECORD)), **change}))
 
 
 def test_series_never_unpickles(tmp_path):
     """A pickled array in a result file could run code."""
     np.savez(tmp_path / "x.npz", t=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(BadSeries):
+    with pytest.raises(FileError):
         read_series(tmp_path / "x.npz")
 
 
 def test_one_runner_at_a_time(tmp_path):
     """Two runners on one folder would both run every run."""
     store.create(tmp_path)
-    with store.lock(tmp_path), pytest.raises(store.StoreError, match="another runner"):
+    with store.lock(tmp_path), pytest.raises(FileError, match="another runner"):
         store.lock(tmp_path)
     store.lock(tmp_path).close()
 
@@ -138,7 +139,7 @@ def test_latest_follows_and_leaves_strangers_alone(tmp_path):
 
 
 def test_unwritable_folder_is_said_in_a_line():
-    with pytest.raises(store.StoreError, match="cannot write"):
+    with pytest.raises(FileError, match="cannot write"):
         store.create(environment.ROOT / "Makefile" / "run")
 
 

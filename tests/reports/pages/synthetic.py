@@ -33,15 +33,7 @@ from mbsbench.harness.results.judgements.files import (
     add_code,
     format_judgement,
 )
-from mbsbench.harness.results.judgements.runs import (
-    Drift,
-    FalseSuccess,
-    Order,
-    Symmetry,
-    Work,
-    WorkPoint,
-    WorkProfile,
-)
+from mbsbench.harness.results.judgements.runs import Drift, FalseSuccess, Order, Symmetry, Work, WorkPoint, WorkProfile
 from mbsbench.harness.types import Law, Reason
 
 from ..conftest import HOSTILE

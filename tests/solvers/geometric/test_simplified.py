@@ -1,15 +1,18 @@
 """The simplified Newton method takes the step of the full one: same motion to the tolerance, wherever it applies."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint
-from mbsbench.harness.types import Problem, StepControl
-from mbsbench.solvers.formulations.methods.gc_step import applies
+from mbsbench.harness.types import Problem, Status, StepControl
+from mbsbench.solvers.formulations.compiled import mechanism
+from mbsbench.solvers.formulations.methods.choices import applies
 
 from ..arbitrary_systems import consistent, linkage
-from ..runs import pendulum, run, sprung_linkage
+from ..runs import drift, error, orders, pendulum, run, sprung_linkage
 
 SHARP = {"tolerance": 1e-12}
 
@@ -91,3 +94,78 @@ def test_recorded_norms_are_below_the_tolerance():
     out = make_solver("gc_weak_form").solve(make_problem("chain", {"t_end": 0.2}), StepControl(dt=1e-3))
     assert np.nanmax(out.diagnostics["residual_norm"]) < 1e-8
     assert np.nanmax(out.diagnostics["constraint_norm"]) < 1e-8
+
+
+CODES = ("kernel", "mechanism")
+SAME = 1e-9  # [m], [m/s] of steps solved to 1e-12 sqrt(J)
+
+
+def gap_of_codes(problem: Problem, dt: float, solver: str = "gc_weak_form", **options) -> float:
+    """Largest difference of the motion, and of what is told, between loops over joints and code for the mechanism."""
+    one, two = (run(problem, dt, solver, code=code, **SHARP, **options) for code in CODES)
+    assert "code of the mechanism" in two.notes and np.array_equal(one.t, two.t)
+    assert two.counters["newton_iterations"] < 1.2 * one.counters["newton_iterations"]
+    assert one.reaction is not None and two.reaction is not None
+    assert np.max(np.abs(one.reaction[1:] - two.reaction[1:])) < 1e-6 * max(1.0, np.max(np.abs(one.reaction[1:])))
+    if "log_determinant" in one.diagnostics:  # of factors that may be taken an iteration apart
+        assert np.max(np.abs(one.diagnostics["log_determinant"] - two.diagnostics["log_determinant"])[1:]) < 0.1
+    return max(np.max(np.abs(getattr(one.states, k) - getattr(two.states, k))) for k in ("r", "R", "v", "Omega"))
+
+
+@pytest.mark.parametrize(
+    ("name", "dt", "solver"),
+    [("heavy_top", 1e-3, "gc_weak_form"), ("spherical_pendulum", 0.01, "gc_weak_form"), ("chain", 1e-3, "gc_weak_form"),
+     ("chain", 1e-3, "gc_augmented_lagrangian"), ("bricard", 0.01, "gc_augmented_lagrangian")],
+)  # fmt: skip
+def test_code_for_the_mechanism_gives_the_motion_of_the_kernel(name, dt, solver):
+    """Straight code instead of loops over joints: the same step, redundant rows and pose corrections included."""
+    assert gap_of_codes(make_problem(name, {"t_end": 0.4}), dt, solver) < SAME
+
+
+@pytest.mark.parametrize("options", [
+    *({"gauge": g, "direction": d} for g in ("symmetric", "zero", "accumulate") for d in ("a", "mass")),
+    {"f_bar": False}, {"b_term": False},
+], ids=str)  # fmt: skip
+def test_code_for_the_mechanism_has_every_choice_of_the_scheme(options):
+    """On an arbitrary linkage, whose numbers leave no zeros."""
+    system = linkage(springs=False)
+    problem = Problem("linkage", system, consistent(system, 2), t_end=0.05, dt=1e-3, section="", source="")
+    assert gap_of_codes(problem, 1e-3, **options) < SAME
+
+
+def test_code_for_the_mechanism_hands_over_where_the_simplified_method_fails():
+    """To the full method, as the kernel does, and takes the march back."""
+    problem = pendulum(10.0)
+    out = [run(problem, 0.15, code=code, **SHARP) for code in CODES]
+    assert out[1].counters["residuals"] > out[1].counters["newton_iterations"]
+    assert np.max(np.abs(out[0].states.r - out[1].states.r)) < SAME
+
+
+def test_code_for_the_mechanism_keeps_order_reversal_and_energy():
+    """Order 2 against exact motion; back where it came from; energy of the pendulum bounded."""
+    problem = pendulum(2.0)
+    ladder = [run(problem, 0.02 / 2**k, code="mechanism") for k in range(3)]
+    assert np.all(np.abs(orders([error(problem, out) for out in ladder]) - 2.0) < 0.1)
+    E = np.abs(drift(problem, run(pendulum(20.0), 0.01, code="mechanism")))
+    assert np.max(E[len(E) // 2 :]) < 1.1 * np.max(E[: len(E) // 2])
+    there = run(problem, 0.01, code="mechanism", **SHARP)
+    last = there.states[-1]
+    turned = dataclasses.replace(problem, initial=dataclasses.replace(last, v=-last.v, Omega=-last.Omega, t=0.0))
+    back = run(turned, 0.01, code="mechanism", **SHARP)
+    assert np.max(np.abs(back.states.r[-1] - problem.initial.r)) < SAME
+    assert np.max(np.abs(there.states.r - problem.initial.r)) > 0.5
+
+
+def test_code_for_the_mechanism_is_refused_in_a_line_where_none_is_made(monkeypatch):
+    """Springs, choices of the full method, the nested loop, more than 30,000 operations."""
+    for name, solver, options, word in (
+        ("spring_pendulum", "gc_weak_form", {}, "gravity"), ("chain", "gc_weak_form", {"max_turn": 0.1}, "max_turn"),
+        ("chain", "gc_augmented_lagrangian", {"loop": "nested"}, "nested"),
+        ("four_bar_grid", "gc_augmented_lagrangian", {}, "30000 operations"),
+    ):  # fmt: skip
+        reason = make_solver(solver, {"code": "mechanism", **options}).refuses(make_problem(name), StepControl(dt=0.01))
+        assert reason is not None and word in reason and "\n" not in reason and "code = kernel" in reason
+    solver, chain = make_solver("gc_augmented_lagrangian", {"code": "mechanism"}), make_problem("chain")
+    monkeypatch.setattr(mechanism, "MOST_OPERATIONS", 4000)  # known once it is written
+    assert solver.refuses(chain, StepControl(dt=0.01)) is None
+    assert solver.solve(chain, StepControl(dt=0.01)).status is Status.REFUSED

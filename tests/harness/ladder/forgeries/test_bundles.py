@@ -9,15 +9,7 @@ from mbsbench.harness.ladder.instances import digest_of
 from mbsbench.harness.ladder.ranking import INDEPENDENT, RE_RUN, rank_entries
 from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
 
-from .bundles import (
-    NEW_DIGESTS,
-    OF_A_RUN,
-    OF_NUMBERS,
-    OLD_DIGESTS,
-    members_of,
-    write_as_it_is,
-    write_edited,
-)
+from .bundles import NEW_DIGESTS, OF_A_RUN, OF_NUMBERS, OLD_DIGESTS, members_of, write_as_it_is, write_edited
 from .forger import NAME
 from .test_submissions import SHORT, TEXT
 
