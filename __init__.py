@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from .harness.mechanics import so3 as so3
     from .harness.mechanics.dynamics import Equations as Equations
     from .harness.mechanics.dynamics import Rates as Rates
+    from .harness.mechanics.dynamics import advance as advance
     from .harness.mechanics.dynamics import equations as equations
-    from .harness.mechanics.dynamics import moved as moved
     from .harness.mechanics.jacobian import constraint_jacobian as constraint_jacobian
     from .harness.mechanics.jacobian import independent_rows as independent_rows
     from .harness.mechanics.joints import Joint as Joint
@@ -64,7 +64,7 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "catalogue.registry": ("make_problem", "problem", "solver"),
     "catalogue.sympy_systems": ("read_sympy",),
     "mechanics": ("so3",),
-    "mechanics.dynamics": ("Equations", "Rates", "equations", "moved"),
+    "mechanics.dynamics": ("Equations", "Rates", "advance", "equations"),
     "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),
     "mechanics.motion": ("angular_momentum", "constraint", "constraint_rate", "kinetic_energy", "potential_energy"),
     "mechanics.state": ("State", "States"),

@@ -74,7 +74,7 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
         try_apart(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
         if mechanism_files.is_mechanism(path):
             error_console().print(registry.problems()[mechanism_files.name_of(path)].doc)
-    return tuple(plugins.resolved(p) for p in paths)
+    return tuple(plugins.resolve_plugin(p) for p in paths)
 
 
 def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, Any], tuple[str, ...]]:

@@ -95,12 +95,12 @@ def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
     for where, f in claim_words.sides(c):
         yield f"{where}: {f.verdict} {claim_words.share(f)}".rstrip()
     for k, t in enumerate(c.tests):
-        number = f"{claim_words.measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
+        number = f"{claim_words.format_measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"
     if c.missing:
         yield f"missing: {claim_words.missing(c)}"
     if words := claim_words.because(c):
         yield f"why: {words}"
     for name, values in c.settings.items():
-        yield f"tried with {claim_words.spaced(name)}: {', '.join(claim_words.value(name, v) for v in values)}"
+        yield f"tried with {claim_words.spell_out(name)}: {', '.join(claim_words.value(name, v) for v in values)}"
     yield f"its runs: {runs}" + (f"; to make and judge them: mbsbench claim {c.id} --run" if runs else "")

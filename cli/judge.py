@@ -99,7 +99,7 @@ def show_claims(claims: Sequence[Claim], changed: list[Change], compared: bool, 
     rows = []
     for c in claims:
         first = c.tests[0] if c.tests else None
-        numbers = (claim_words.measured(first), claim_words.band(first)) if first else ("", "")
+        numbers = (claim_words.format_measured(first), claim_words.band(first)) if first else ("", "")
         count = f"{sum(f.settings for f in c.findings)} of {sum(f.rows for f in c.findings)}"
         rows.append((c.id, claim_words.figures(c), format_verdict(c.paper), format_verdict(c.beyond), count,
                      claim_words.missing(c) or numbers[0], numbers[1]))  # fmt: skip

@@ -21,14 +21,14 @@ from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.reports.mechanism.segments import mechanism_of
-from mbsbench.reports.mechanism.stage import segments_at, stored
+from mbsbench.reports.mechanism.stage import load_poses, segments_at
 from mbsbench.reports.mechanism.theatre.scene import stored_exact
 from mbsbench.reports.mechanism.view import view_of
 from mbsbench.reports.model.catalogue import code_of_others, is_engine
 from mbsbench.reports.model.frontier import Frontier, frontiers
 from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.model.variants import broadest
-from mbsbench.reports.model.words import listed, number, seconds
+from mbsbench.reports.model.words import join_words, number, seconds
 from mbsbench.reports.pages.runs.bands import ENGINES, false_successes
 from mbsbench.reports.plots.palette import looks
 from mbsbench.reports.plots.style import save
@@ -130,7 +130,7 @@ def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> 
             yield _text(round(start), y + (24 if row else -13), words)
     missed = [_named(s) for s in f.missed if _named(s)]
     if missed:
-        yield _text(ROOM, y + 44, f"not reached by {listed(missed)}", "", ' opacity="0.7"')
+        yield _text(ROOM, y + 44, f"not reached by {join_words(missed)}", "", ' opacity="0.7"')
 
 
 def _named(solver: str) -> str:
@@ -147,7 +147,7 @@ def draw_loop() -> str:
     t = np.linspace(0.0, END, FRAMES)
     view = view_of(bodies)
     moving = [segments_at(bodies, exact, t, view)]
-    moving += [segments_at(bodies, stored(s), t, view) for s in series]
+    moving += [segments_at(bodies, load_poses(s), t, view) for s in series]
     low, high = np.min(moving[0], axis=(0, 1, 2)), np.max(moving[0], axis=(0, 1, 2))
     scale = (HEIGHT - 2 * ROOM) / (high - low)[1]
     corner = np.array([ROOM - scale * low[0], HEIGHT - ROOM + scale * low[1]])

@@ -65,7 +65,7 @@ def descendants(root: int, spared: Collection[int] = ()) -> list[int]:
 
 
 def _children(pid: int) -> Iterator[int]:
-    """Of all threads of a process; what ends meanwhile has none."""
+    """Children of all threads of a process; a thread that ends meanwhile has none."""
     with contextlib.suppress(OSError):
         for task in os.listdir(f"/proc/{pid}/task"):
             with contextlib.suppress(OSError):
@@ -73,7 +73,7 @@ def _children(pid: int) -> Iterator[int]:
 
 
 def _times(pid: int) -> tuple[float, float]:
-    """Of a process [s]: its own, and that of its children that ended and that it waited for."""
+    """CPU time of a process [s]: its own, and that of its children that ended and that it waited for."""
     try:
         text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
     except OSError:  # it has ended

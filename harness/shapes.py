@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import msgspec
 from msgspec import Meta
 
-from .catalogue.options import nearest, shown
+from .catalogue.options import format_value, nearest
 from .files import FileError
 
 T = TypeVar("T")
@@ -37,7 +37,7 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Content of a file: typed, read-only, with no key but the fields."""
 
 
-def shaped(plain: Any, kind: type[T], where: str) -> T:
+def convert_shape(plain: Any, kind: type[T], where: str) -> T:
     """``plain`` (tables, lists, numbers, text) as ``kind``, or FileError with the place below ``where``."""
     try:
         return msgspec.convert(plain, kind)
@@ -83,7 +83,7 @@ def _describe_misfit(plain: Any, kind: Any) -> str:
 
 def _describe_type(words: str, plain: Any, kind: Any) -> str:
     """``must be a number > 0 (got -1)``."""
-    got = shown(plain)
+    got = format_value(plain)
     described = [m.description for o in (kind, *_options(kind)) for m in get_args(o)[1:] if isinstance(m, Meta)]
     if any(described):
         return f"must be {described[0]} (got {got})"

@@ -74,7 +74,7 @@ def random_mechanism(
     root, away = size**0.5, np.array([offset, 0.0, 0.0])
     system = assemble(
         [RigidBody(w * b.mass, w * size**2 * b.inertia) for w, b in zip(weight, drawn, strict=True)],
-        [_placed(joint, size, away) for joint in joints],
+        [_place_joint(joint, size, away) for joint in joints],
         (0.0, 0.0, -gravity),
         [
             SpringDamper(
@@ -106,7 +106,7 @@ def random_mechanism(
     )
 
 
-def _placed(joint: Joint, size: float, away: Float[np.ndarray, " 3"]) -> Joint:
+def _place_joint(joint: Joint, size: float, away: Float[np.ndarray, " 3"]) -> Joint:
     """``joint`` at this size; one to the ground ``away`` from the origin."""
     s_j = size * np.asarray(joint.s_j) + (away if joint.j == GROUND else 0.0)
     return replace(joint, s_i=size * np.asarray(joint.s_i), s_j=s_j, length=size * joint.length)

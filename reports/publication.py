@@ -21,7 +21,7 @@ from .plots.palette import looks
 from .plots.printed import figure
 from .plots.spec import Plot, Trace
 from .plots.style import DOUBLE, SINGLE, save
-from .plots.work import PAIRS, recorded, work_plots
+from .plots.work import PAIRS, list_points, work_plots
 from .tried import render_file
 
 FOLDER = "publication"
@@ -88,7 +88,7 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
 def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
     """Work against error of all runs; then of every label the laws, each alone and together."""
     own = looks(results.solvers)
-    work = list(work_plots("work", recorded(variant), PAIRS).values()) if len(variant.runs) >= LEAST else []
+    work = list(work_plots("work", list_points(variant), PAIRS).values()) if len(variant.runs) >= LEAST else []
     if work:
         yield Printed(f"{variant.slug}-work", f"{variant.title}: work against error. {WORK}", DOUBLE,
                       partial(figure, work, own, height=2.3))  # fmt: skip

@@ -16,11 +16,11 @@ from ..harness.files import write_text
 from ..harness.places import Place
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
-from .model.followed import followed
+from .model.followed import list_followed
 from .model.frontier import frontiers, of_most_problems
 from .model.motion import motion_of
 from .model.provenance import stamp
-from .model.results import Results, grouped, read_results
+from .model.results import Results, group_by, read_results
 from .pages.judged.orders import certificates, ladders
 from .pages.judgement import links_of
 from .pages.runs.card import card_of
@@ -30,7 +30,7 @@ from .plots.palette import Look, looks
 from .plots.printed import figure
 from .plots.spec import Plot, Trace
 from .plots.style import save
-from .plots.work import PAIRS, recorded, work_plots
+from .plots.work import PAIRS, list_points, work_plots
 
 TEMPLATES = Path(__file__).parent / "templates"
 QUANTITIES = ("position", "orientation", "energy", "reaction")
@@ -58,7 +58,7 @@ def write_page(path: Path, folder: Path, found: Tried) -> None:
     """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error."""
     results = read_results(folder, check_series=False)
     charts = list(_charts(results, found.orders))
-    follow = [f for variant in results.variants for f in followed(variant)]
+    follow = [f for variant in results.variants for f in list_followed(variant)]
     card = card_of(found.solver, found.orders, (), follow, of_most_problems(frontiers(results)))
     write_text(path, render_file("tried.html", **vars(found), card=card, charts=charts, stamp=stamp(results)))
 
@@ -70,7 +70,7 @@ def render_file(template: str, **values: Any) -> str:
 
 def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
     chart = partial(draw_chart, looks=looks(results.solvers))
-    for title, ladder in grouped(orders, lambda o: o.variant).items():
+    for title, ladder in group_by(orders, lambda o: o.variant).items():
         if plots := _orders(results, ladder):
             words = "observed order: error against step with the fitted line; dashed, the declared order."
             yield chart(f"{title}: {words}", plots)
@@ -82,7 +82,7 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
     for variant in results.variants:
         runs = variant.labels().get("ladder", ())
         if runs:
-            points = recorded(replace(variant, runs=runs))
+            points = list_points(replace(variant, runs=runs))
             if plots := list(work_plots("work", points, PAIRS).values()):
                 yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
 

@@ -23,7 +23,7 @@ from mbsbench.harness.results.judgements.files import (
     read_judgement,
 )
 from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
-from mbsbench.reports.model.claim_words import FACTOR, condition, measured
+from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured
 from mbsbench.reports.model.frontier import least
 from mbsbench.reports.model.words import number, plural
 from mbsbench.reports.plots.palette import looks
@@ -323,5 +323,5 @@ TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cos
 FIGURES: dict[str, Callable[[], Figure]] = {"frontier": draw_frontier, "growth": draw_growth}
 NAMES: dict[str, Any] = {f.__name__: f for f in (claim, count, judged, found, where, share, judged_none, borderline,
                          runs, solvers, false_successes, engines_published, growth, point, drift, cheapest, paper,
-                         objections, plural, measured, fails, met,
+                         objections, plural, format_measured, fails, met,
                          judged_twice)} | {"factor": f"{FACTOR:g}"}  # fmt: skip

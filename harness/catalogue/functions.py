@@ -80,7 +80,7 @@ def _limits(p: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _FromFunction:
-    """What both have in common."""
+    """Fields that both have."""
 
     paper_label: ClassVar[str] = ""
     function: ClassVar[Any]
@@ -88,7 +88,7 @@ class _FromFunction:
     own: ClassVar[tuple[str, ...]]  # options of the function
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """What the author says."""
+        """The author's description."""
         found: str | None = self.refused(problem.system, problem.initial)
         return found
 
@@ -118,7 +118,7 @@ class _Steps(_FromFunction):
                 raise TypeError(f"a step must return a State, or a State and a reaction (got {type(state).__name__})")
             return ahead, state, reaction
 
-        return _marched(problem, control, advance, None, lambda: {"rejected": 0})  # none is ever cut
+        return _march(problem, control, advance, None, lambda: {"rejected": 0})  # none is ever cut
 
 
 @dataclass(frozen=True)
@@ -164,10 +164,10 @@ class _Rates(_FromFunction):
             here = state(run.t, run.y)
             return run.t, here, rates(here).reaction
 
-        return _marched(problem, control, advance, first, lambda: {"evaluations": run.nfev}, begun)
+        return _march(problem, control, advance, first, lambda: {"evaluations": run.nfev}, begun)
 
 
-def _marched(
+def _march(
     problem: Problem, control: StepControl, advance: Advance, first: np.ndarray | None,
     counters: Callable[[], dict[str, int]], begun: Count | None = None,
 ) -> Trajectory:  # fmt: skip
@@ -192,7 +192,7 @@ def _marched(
             reactions.append(reaction)
             if control.spool is not None and control.spool.due():
                 new = slice(control.spool.rows, None)
-                control.spool.take(times[new], _stacked(states[new]))
+                control.spool.take(times[new], _stack_states(states[new]))
     except Stop as stop:
         status, message = stop.status, stop.message
     except (InconsistentStart, np.linalg.LinAlgError, ArithmeticError) as error:  # of a motion that has gone astray
@@ -203,7 +203,7 @@ def _marched(
     none = np.full(problem.system.nrows, math.nan)
     known = [none if a is None else np.asarray(a, dtype=float) for a in reactions]
     return Trajectory(
-        np.array(times), _stacked(states), status, message, {"steps": len(times) - 1, **counters(), **own},
+        np.array(times), _stack_states(states), status, message, {"steps": len(times) - 1, **counters(), **own},
         reaction=None if all(a is None for a in reactions) else np.array(known), cpu_time=cpu_seconds() - began,
     )  # fmt: skip
 
@@ -213,11 +213,11 @@ def _check_clock(control: StepControl, began: float) -> None:
         raise Stop(Status.STALLED, f"the CPU limit of {control.cpu_limit:g} s was reached")
 
 
-def _stacked(states: list[State]) -> States:
+def _stack_states(states: list[State]) -> States:
     return States(*(np.array([getattr(s, name) for s in states]) for name in ("r", "R", "v", "Omega")))
 
 
 def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Of quaternions (nb, 4), w first."""
+    """Product of quaternions (nb, 4), w first."""
     w, u, x, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
     return np.concatenate((w * x - np.sum(u * v, axis=1)[:, None], w * v + x * u + np.cross(u, v)), axis=1)

@@ -86,7 +86,7 @@ class LinkMechanism(Mechanism):
 
     @property
     def doc(self) -> str:
-        """What was read and what was not."""
+        """Parts of the file that were read, and those that were not."""
         return self._describe(self.reader, self.omitted)
 
     def parameters(self) -> dict[str, tuple[Any, Parameter]]:

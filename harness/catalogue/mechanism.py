@@ -94,7 +94,7 @@ class CompiledMechanism(Mechanism):
 
     @cached_property
     def _taken(self) -> "Taken":
-        return taken(self.mj, self.model)
+        return find_joints(self.mj, self.model)
 
     def __post_init__(self) -> None:
         roots = sorted({int(w) for w in self.model.body_weldid} - {0})
@@ -102,7 +102,7 @@ class CompiledMechanism(Mechanism):
 
     @property
     def doc(self) -> str:
-        """What was read and what was not."""
+        """Parts of the file that were read, and those that were not."""
         return self._describe(f"MuJoCo {importlib.metadata.version('mujoco')}", self.omitted)
 
     def parameters(self) -> dict[str, tuple[Any, Parameter]]:
@@ -255,7 +255,7 @@ class CompiledMechanism(Mechanism):
                 fixed.append(Joint(i, s_i, j, s_j, *z_x))
             else:
                 points_of.setdefault((i, j), []).append(Joint(i, s_i, j, s_j, name=name))
-        return fixed + [joint for same in points_of.values() for joint in _hinged(same)]
+        return fixed + [joint for same in points_of.values() for joint in _merge_hinges(same)]
 
     def _springs(self, at: "_Places") -> list[SpringDamper]:
         m, out = self.model, []
@@ -315,8 +315,8 @@ class Taken:
     armatures: tuple[int, ...]
 
 
-def taken(mj: Any, m: Any) -> Taken:
-    """Of hinges about an axis that both bodies share, and of slides along a line that a point of the body stays on.
+def find_joints(mj: Any, m: Any) -> Taken:
+    """Find hinges about an axis that both bodies share, and slides along a line that a point of the body stays on.
 
     An armature counts where the axis of its hinge stands still: there it is an inertia of the body. Between moving
     bodies it is the inertia of a rotor that no rigid body of the file has.
@@ -375,7 +375,7 @@ def straight_spring(mj: Any, m: Any, k: int) -> bool:
     return bool(plain and linear and m.tendon_lengthspring[k, 0] == m.tendon_lengthspring[k, 1])
 
 
-def _hinged(same: list[Joint]) -> list[Joint]:
+def _merge_hinges(same: list[Joint]) -> list[Joint]:
     """Two points that coincide in both bodies are an axis."""
     if len(same) != 2:
         return same

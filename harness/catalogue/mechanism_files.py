@@ -16,7 +16,7 @@ import numpy as np
 
 from . import sdformat, usd
 from .links import LinkMechanism
-from .mechanism import NO_INERTIA, CompiledMechanism, Mechanism, Omitted, straight_spring, taken
+from .mechanism import NO_INERTIA, CompiledMechanism, Mechanism, Omitted, find_joints, straight_spring
 
 COMPILED, SDFORMAT, USD = (".xml", ".mjcf", ".urdf"), (".sdf", ".world"), (".usd", ".usda", ".usdc", ".usdz")
 SUFFIXES = (*COMPILED, *SDFORMAT, *USD)
@@ -48,12 +48,12 @@ def read(path: Path) -> Mechanism:
     if not path.is_file():
         raise ValueError("there is no such file")
     suffix = path.suffix.lower()
-    out = _compiled(path) if suffix in COMPILED else _linked(path, sdformat if suffix in SDFORMAT else usd)
+    out = _compile_file(path) if suffix in COMPILED else _read_links(path, sdformat if suffix in SDFORMAT else usd)
     out.system()  # refuses joints and loops that are not taken over
     return out
 
 
-def _linked(path: Path, reader: Any) -> LinkMechanism:
+def _read_links(path: Path, reader: Any) -> LinkMechanism:
     found = reader.Document(path)
     if not found.links:
         raise ValueError("nothing in it can move: no body is free or has a joint")
@@ -61,7 +61,7 @@ def _linked(path: Path, reader: Any) -> LinkMechanism:
                          found.dt, {what: n for what, n in found.omitted.items() if n})  # fmt: skip
 
 
-def _compiled(path: Path) -> CompiledMechanism:
+def _compile_file(path: Path) -> CompiledMechanism:
     try:
         mj = importlib.import_module("mujoco")
     except ImportError:
@@ -79,7 +79,7 @@ def _compiled(path: Path) -> CompiledMechanism:
         raise ValueError(" ".join(str(error).split())) from None
     if not set(model.body_weldid) - {0}:
         raise ValueError("nothing in it can move: no body has a joint")
-    omitted = {what: n for what, n in _omitted(mj, model).items() if n}
+    omitted = {what: n for what, n in _count_omitted(mj, model).items() if n}
     return CompiledMechanism(name_of(path), path, _digest(path), mj, model, omitted)
 
 
@@ -115,9 +115,9 @@ def _moves(spec: Any, body: Any) -> bool:
     return False
 
 
-def _omitted(mj: Any, m: Any) -> dict[Omitted, int]:
+def _count_omitted(mj: Any, m: Any) -> dict[Omitted, int]:
     straight = sum(straight_spring(mj, m, k) for k in range(m.ntendon))
-    ours = taken(mj, m)
+    ours = find_joints(mj, m)
     return {
         Omitted.ACTUATORS: m.nu,
         Omitted.COLLIDING: int(np.sum((m.geom_contype | m.geom_conaffinity) != 0)),

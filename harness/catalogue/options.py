@@ -16,7 +16,7 @@ SWITCHES = {"true": True, "on": True, "1": True, "yes": True, "false": False, "o
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a value means and which are allowed."""
+    """Meaning of a value, and the values that are allowed."""
 
     doc: str
     unit: str = ""
@@ -37,7 +37,7 @@ def nearest(name: str, known: Mapping[str, Any] | list[str]) -> str:
     return f" - did you mean {match[0]!r}?" if match else f" - known: {', '.join(known) or 'none'}"
 
 
-def shown(value: Any) -> str:
+def format_value(value: Any) -> str:
     """``value`` for a message, at most 40 characters; Python prints no whole number of more than 4300 digits."""
     try:
         return (str(value) if isinstance(value, int | float) else repr(value))[:40]
@@ -50,7 +50,7 @@ def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any
     value = _as_type_of(default, given, name)
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     if parameter.choices and value not in parameter.choices:
-        raise ValueError(f"{name} must be one of {', '.join(map(str, parameter.choices))} (got {shown(given)})")
+        raise ValueError(f"{name} must be one of {', '.join(map(str, parameter.choices))} (got {format_value(given)})")
     low, least, most = parameter.above, parameter.at_least, parameter.at_most
     for number in value if isinstance(value, tuple) else (value,):
         wanted = (
@@ -61,7 +61,7 @@ def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any
             else ""
         )  # fmt: skip
         if wanted:
-            raise ValueError(f"{name} must be {wanted}{unit} (got {shown(given)})")
+            raise ValueError(f"{name} must be {wanted}{unit} (got {format_value(given)})")
     return value
 
 
@@ -85,5 +85,5 @@ def _as_type_of(default: Any, given: Any, name: str) -> Any:
                 raise ValueError
             return tuple(map(float, parts))
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be {wanted} (got {shown(given)})") from None
+        raise ValueError(f"{name} must be {wanted} (got {format_value(given)})") from None
     return str(given)

@@ -19,7 +19,7 @@ from .options import nearest
 GROUPS = ("mbsbench.problems", "mbsbench.solvers")
 
 
-def resolved(plugin: str, beside: Path = Path()) -> str:
+def resolve_plugin(plugin: str, beside: Path = Path()) -> str:
     """The full path of a file (found ``beside``), or the name of an entry point as it is."""
     return str((beside / plugin).resolve()) if is_file(plugin) else plugin
 
@@ -39,7 +39,7 @@ def sources_of(plugin: str) -> tuple[Path, ...]:
     return (Path(spec.origin),) if spec and spec.origin else ()
 
 
-def loaded(plugin: str) -> Any:
+def load_plugin(plugin: str) -> Any:
     """A module, a mechanism, or what an entry point names; whatever goes wrong on import is raised."""
     if mechanism_files.is_mechanism(plugin):
         return mechanism_files.read(Path(plugin))

@@ -71,7 +71,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
         needed.append(one.twists.T @ _inertia_forces(bodies, one).ravel())
         found = [np.array([[*(b.mass * e), 0.0, 0.0, 0.0] for b in bodies]) for e in np.eye(3)]
         for j in turning:
-            angle, rate, push = _turned(j, one.state, samples[0].state)
+            angle, rate, push = _measure_angle(j, one.state, samples[0].state)
             found += [push, -angle * push, -rate * push]
         for j in sliding:
             way, rate, push = _slid(j, one.state, samples[0].state)
@@ -196,7 +196,7 @@ def _inertia_forces(bodies: Sequence[RigidBody], one: Sample) -> Float[np.ndarra
     return out
 
 
-def _turned(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
+def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
     """Angle of i about the axis since the start, its rate, and a torque of 1 N m about it on i, in body frames."""
     (_, R_i), (_, R_j) = _pose(s, joint.i), _pose(s, joint.j)
     axis, e, u = _across(joint, start)

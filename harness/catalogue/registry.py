@@ -19,12 +19,12 @@ import numpy as np
 
 from ..clock import cpu_seconds_of_tree
 from ..mechanics import so3
-from ..mechanics.consistency import check_start, perturbed
+from ..mechanics.consistency import check_start, perturb
 from ..mechanics.moving_rows import check_lengths
 from ..mechanics.presentation import SPACE_AXES, Presentation
-from ..mechanics.state import States, rotated
+from ..mechanics.state import States, rotate_states
 from ..mechanics.system import GROUND, MultibodySystem
-from ..mechanics.user_forces import presented
+from ..mechanics.user_forces import present_laws
 from ..types import Problem, Solver, Trait
 from . import mechanism_files, plugins
 from .mechanism import Mechanism
@@ -202,12 +202,12 @@ def load_plugin(plugin: Path | str) -> None:
 
     Unlike a file of ``problems/`` or ``solvers/`` it may mark several entries. A name of ours cannot be taken.
     """
-    where = plugins.resolved(str(plugin))
+    where = plugins.resolve_plugin(str(plugin))
     if where in _plugin_files:
         return
     began = cpu_seconds_of_tree()
     try:
-        named = plugins.loaded(where)
+        named = plugins.load_plugin(where)
         made: list[tuple[str, SolverEntry | ProblemEntry]]
         if isinstance(named, Mechanism):
             made = [(named.name, _mechanism_entry(named))]
@@ -261,9 +261,7 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
     check_start(made.system, made.initial, literal=made.literal_start)
     if values["perturb"] > 0.0:
-        made = dataclasses.replace(
-            made, initial=perturbed(made.system, made.initial, values["perturb"], values["seed"])
-        )
+        made = dataclasses.replace(made, initial=perturb(made.system, made.initial, values["perturb"], values["seed"]))
     made = in_frame(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
     presentation = Presentation(**{k: values[k] for k in PRESENTED})
     presentation.system(made.system)  # says no to a joint that is not there
@@ -287,11 +285,11 @@ def in_frame(p: Problem, Q: np.ndarray) -> Problem:
     """``p`` in a space rotated by ``Q``: ground points and axes, gravity and start; the reference follows."""
     if np.array_equal(Q, np.eye(3)):
         return p
-    start = rotated(States.one(p.initial), Q)[0]
-    return dataclasses.replace(p, system=_turned(p.system, Q), initial=start, frame=Q @ p.frame)
+    start = rotate_states(States.one(p.initial), Q)[0]
+    return dataclasses.replace(p, system=_turn_system(p.system, Q), initial=start, frame=Q @ p.frame)
 
 
-def _turned(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
+def _turn_system(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
     def turn(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
         out: np.ndarray = np.where((ends == GROUND).reshape(-1, *[1] * (a.ndim - 1)), a @ Q.T, a)
         out.setflags(write=False)
@@ -307,7 +305,7 @@ def _turned(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
         torsion_n=turn(s.torsion_n, s.torsion_j),
         load_force=turn(s.load_force, in_space),
         load_torque=turn(s.load_torque, in_space),
-        user_law=presented(s.user_law, Q),
+        user_law=present_laws(s.user_law, Q),
     )
 
 

@@ -19,7 +19,7 @@ from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..metrics.scales import Scales, scales
-from ..reference.computed import computed, is_computable
+from ..reference.computed import compute_reference, is_computable
 from ..results.findings import Finding, compare, fail, leave_open
 from ..types import Invariant, Observable, Problem, Reference
 
@@ -58,7 +58,7 @@ class Subject:
         p = self.problem
         end = p.t_end if self.reference is None else min(p.t_end, self.reference.horizon)
         known = is_computable(p.system) and not p.literal_start
-        return computed(dataclasses.replace(p, t_end=end)) if known else None
+        return compute_reference(dataclasses.replace(p, t_end=end)) if known else None
 
     @cached_property
     def best_reference(self) -> Reference | None:
@@ -336,7 +336,7 @@ def check_newton_euler(s: Subject) -> Finding:
         momentum = np.einsum("bij,bj->bi", system.inertia, here.Omega)
         torque = np.einsum("bij,bj->bi", system.inertia, W_dot[k]) + np.cross(here.Omega, momentum)
         inert = np.concatenate((system.mass[:, None] * v_dot[k], torque), axis=1)
-        left = wrench = (inert - motion.applied(system, States.one(here))[0]).ravel()
+        left = wrench = (inert - motion.applied_loads(system, States.one(here))[0]).ravel()
         if system.nrows:
             A = constraint_jacobian(system, here).toarray()
             left = A.T @ np.linalg.lstsq(A.T, wrench, rcond=1e-10)[0] - wrench

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ..clock import cpu_seconds
 from ..execution.worker import solve
-from ..mechanics.consistency import perturbed
+from ..mechanics.consistency import perturb
 from ..mechanics.motion import energy
 from ..mechanics.state import State, States
 from ..sandbox.apart import TICK, Apart
@@ -38,7 +38,7 @@ class Ensemble:
     def start(self, member: int) -> State:
         """That of a member: the same in ensembles of any size."""
         seed = int(np.random.SeedSequence((self.seed, member)).generate_state(1)[0])
-        return perturbed(self.problem.system, self.problem.initial, self.spread, seed)
+        return perturb(self.problem.system, self.problem.initial, self.spread, seed)
 
     @property
     def times(self) -> Float[np.ndarray, " nt"]:

@@ -85,5 +85,5 @@ def _compare(
 
 
 def _rms(a: np.ndarray) -> float:
-    """Of numbers, or of the lengths of points by rows."""
+    """Root mean square of numbers, or of the lengths of points by rows."""
     return float(np.sqrt(np.sum(a * a) / len(a))) if len(a) else float("nan")

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import CodeType
 
 from ..catalogue import registry
-from ..catalogue.options import shown
+from ..catalogue.options import format_value
 from ..types import Problem, Solver, Status, StepControl, Trajectory
 from .presenting import PresentedSolver
 
@@ -24,7 +24,7 @@ def refusal(solver: Solver | PresentedSolver, problem: Problem, control: StepCon
     """Why the solver cannot take the problem; empty if it can."""
     given = solver.refuses(problem, control)
     if given is not None and not isinstance(given, str):
-        raise Breach(f"refuses must return a reason or None (got {shown(given)}){_at(solver, 'refuses')}")
+        raise Breach(f"refuses must return a reason or None (got {format_value(given)}){_at(solver, 'refuses')}")
     return given or ""
 
 
@@ -40,16 +40,16 @@ def check_trajectory(found: object, solver: Solver | PresentedSolver, problem: P
     for name, a in series.items():
         wanted = (nt, problem.system.nrows) if name == "reaction" else (nt,)
         if a is not None and getattr(a, "shape", None) != wanted:
-            raise Breach(f"{name} must have the shape {wanted} (got {getattr(a, 'shape', shown(a))}){where}")
+            raise Breach(f"{name} must have the shape {wanted} (got {getattr(a, 'shape', format_value(a))}){where}")
     for name, value, kind, words in (
         ("status", found.status, Status, "a Status"), ("message", found.message, str, "text"),
         ("counters", found.counters, Mapping, "a mapping of whole numbers"),
     ):  # fmt: skip
         if not isinstance(value, kind):
-            raise Breach(f"{name} must be {words} (got {shown(value)}){where}")
+            raise Breach(f"{name} must be {words} (got {format_value(value)}){where}")
     for name, count in found.counters.items():
         if isinstance(count, bool) or not hasattr(count, "__index__") or not -(2**63) <= int(count) < 2**63:
-            raise Breach(f"counters[{name!r}] must be a whole number of 64 bits (got {shown(count)}){where}")
+            raise Breach(f"counters[{name!r}] must be a whole number of 64 bits (got {format_value(count)}){where}")
     if any(not isinstance(n, str) for n in found.notes) or any(not isinstance(e, Mapping) for e in found.events):
         raise Breach(f"notes must be texts and events mappings{where}")
     return found

@@ -56,10 +56,10 @@ class Estimate:
         guesses = [self.guess(c) for c in waiting]
         if any(g is None for g, _ in begun) or any(g is None for g in guesses):
             return None
-        return scheduled([max((g or 0.0) - since, 0.0) for g, since in begun], [g or 0.0 for g in guesses], size)
+        return schedule_end([max((g or 0.0) - since, 0.0) for g, since in begun], [g or 0.0 for g in guesses], size)
 
 
-def scheduled(running: Sequence[float], waiting: Sequence[float], size: int) -> float:
+def schedule_end(running: Sequence[float], waiting: Sequence[float], size: int) -> float:
     """When the last one ends, if each free place takes the next in order: times left [s] and times [s]."""
     free = [0.0] * max(size - len(running), 0) + list(running)
     if not free:
@@ -76,7 +76,7 @@ USUALLY = {COMPILING: 25.0, REFERENCES: 10.0, PREPARING: 45.0}  # [s] the first 
 
 
 def waiting(doing: str, elapsed: float) -> str:
-    """What is being done, and how long it will still take, as every command says it; ``elapsed`` [s] have passed."""
+    """Describe what is being done and how long it will still take; ``elapsed`` [s] have passed."""
     usual = USUALLY.get(doing)
     if usual is None:
         return f"{doing}: {in_words(elapsed)} so far"

@@ -18,7 +18,7 @@ from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..places import Place, place_of
 from ..results.npz import read_npz, write_npz
-from ..shapes import Shape, shaped
+from ..shapes import Shape, convert_shape
 from ..types import EndedBy, Status, Trajectory
 from .contract import CLOCK
 
@@ -89,7 +89,7 @@ def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -
         return None
     try:
         arrays = dict(read_npz(path, LARGEST))
-        report = shaped(parse_json(str(arrays.pop("report", "")), "report"), SolverReport, "report")
+        report = convert_shape(parse_json(str(arrays.pop("report", "")), "report"), SolverReport, "report")
         _check_cost(report.cost, spent)
         report = _with_hidden_cost(report, spent)
         return Handover(report, _trajectory(arrays, report, system) if "t" in arrays else None)

@@ -52,7 +52,7 @@ class Job:
 
     @property
     def handover(self) -> Place:
-        """What the solver's process hands over to the one that measures."""
+        """File that the solver's process hands over to the one that measures."""
         return Place(self.folder) / ".spool" / f"{self.id}.npz"
 
     def to_json(self) -> str:
@@ -107,7 +107,7 @@ def cut_short(job: Job, by: EndedBy, **columns: Any) -> RunRecord:
     return record_of(job, STATUS_OF.get(by, Status.CRASHED), ended_by=str(by), **columns)
 
 
-def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
+def record_unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
     """The record of a process that left none; ``by`` and ``limit`` [s] say why it was killed, if it was."""
     if ended.over == "cpu" and by is EndedBy.WALL_LIMIT:
         by, limit = EndedBy.CPU_LIMIT, math.nan

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import States
-from ..metrics.measure import Measured, covered, stated
+from ..metrics.measure import Measured, count_covered, stated_error
 from ..metrics.peaks import find_peaks, steps_to_keep, times_between, times_of_scales, times_to_keep
 from ..metrics.reactions import largest_joint_force
 from ..metrics.thinning import frames_to_keep, rows_to_keep
@@ -62,7 +62,7 @@ def series_of(problem: Problem, trajectory: Trajectory, m: Measured, *, lossless
 def _poses(t: np.ndarray, trajectory: Trajectory, span: float) -> dict[str, np.ndarray]:
     frames, end = frames_to_keep(t, trajectory.states, span), trajectory.states[-1]
     out = {
-        **_drawn("frame", t[frames], trajectory.states.at(frames)),
+        **_compress_poses("frame", t[frames], trajectory.states.at(frames)),
         **{f"end_{name}": getattr(end, name) for name in STATE},
     }
     if trajectory.reaction is not None:
@@ -72,13 +72,13 @@ def _poses(t: np.ndarray, trajectory: Trajectory, span: float) -> dict[str, np.n
 
 def _exact(reference: Reference | None, t: np.ndarray, span: float) -> dict[str, np.ndarray]:
     """The exact motion as far as it is known and the run went; nothing without a reference."""
-    known = t[: covered(reference, t)]
+    known = t[: count_covered(reference, t)]
     if reference is None or len(known) < 2:
         return {}
     at = np.linspace(known[0], min(known[-1], reference.horizon), FINE)
     states = reference.states(at)
     kept = frames_to_keep(at, states, span, EXACT_FRAMES)
-    return _drawn("exact", at[kept], states.at(kept))
+    return _compress_poses("exact", at[kept], states.at(kept))
 
 
 def _states(trajectory: Trajectory, steps: np.ndarray, t: np.ndarray) -> dict[str, np.ndarray]:
@@ -93,7 +93,7 @@ def _samples(reference: Reference | None, t: np.ndarray) -> dict[str, np.ndarray
         return {}
     return {
         **_full("sample", t, reference.states(np.minimum(t, reference.horizon))),
-        "sample_error": stated(reference, t),
+        "sample_error": stated_error(reference, t),
     }
 
 
@@ -118,7 +118,7 @@ def _source(problem: Problem, reference: Reference | None) -> str:
     return str(Source.COMPUTED if isinstance(reference, ComputedReference) else source_of(problem))
 
 
-def _drawn(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarray]:
+def _compress_poses(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarray]:
     return {f"{kind}_t": t, f"{kind}_r": s.r.astype(np.float32), f"{kind}_q": _quaternions(s)}
 
 

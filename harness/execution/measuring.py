@@ -27,7 +27,7 @@ USED = 0.5  # of the limit on CPU time: who says that it ended him has used as m
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a run: its record and, where it has a motion, that and what was measured on it."""
+    """Outcome of a run: its record and, where it has a motion, the motion and its measurements."""
 
     record: RunRecord
     problem: Problem | None = None

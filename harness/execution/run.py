@@ -23,7 +23,7 @@ from ..results.records import RunRecord
 from ..sandbox.apart import NOWHERE, SLACK, Apart, Ended
 from ..sandbox.isolation import CANNOT_WRITE, PATIENCE, adopt_orphans, end_descendants, limit_process, trim
 from ..types import EndedBy, Problem
-from .job import CUT_SHORT, GRACE, Job, cut_short, unfinished
+from .job import CUT_SHORT, GRACE, Job, cut_short, record_unfinished
 from .measuring import Outcome, make_problem, measure_run, write_outcome
 from .worker import SOFT, hand_over
 
@@ -70,7 +70,7 @@ def run_one(
     try:
         trim(job.stderr)
         store.path_of(job.folder, job.id).remove_file(missing_ok=True)  # not for the solver's process to write
-        bare = unfinished(job, ended, time.monotonic() - began, by, at)
+        bare = record_unfinished(job, ended, time.monotonic() - began, by, at)
     except OSError as error:  # the run left what cannot be removed: it alone fails
         return Outcome(cut_short(job, EndedBy.EXCEPTION, message=words_of(error), wall_s=time.monotonic() - began))
     send_record(send, MEASURING, bare)
@@ -166,12 +166,12 @@ class Run(Apart):
         if MEASURING not in sent:  # ended before its solver
             if self.stopped:
                 return cut_short(self.job, EndedBy.TOTAL_LIMIT, ended_limit_s=self.job.total_limit, wall_s=wall), False
-            return unfinished(self.job, ended, wall, EndedBy.WALL_LIMIT, math.nan), False
+            return record_unfinished(self.job, ended, wall, EndedBy.WALL_LIMIT, math.nan), False
         bare = sent[MEASURING]
         if bare.ended_by != EndedBy.EXIT or bare.exit_code != 0:
             return bare, False
         late = dataclasses.replace(ended, killed=ended.killed or ended.code == -signal.SIGXCPU)
-        return unfinished(self.job, late, wall, EndedBy.MEASURE_LIMIT, self.measure_limit), False
+        return record_unfinished(self.job, late, wall, EndedBy.MEASURE_LIMIT, self.measure_limit), False
 
     def _read(self, sent: str) -> dict[str, RunRecord]:
         """The records in whole lines; FileError where they are not those that a run sends, each once and in order."""

@@ -39,7 +39,7 @@ class Watcher(Protocol):
     """Is told about the progress of a suite."""
 
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
-        """Of ``total`` runs those ``waiting`` will be run; the others were there already."""
+        """Begin a suite of ``total`` runs; those ``waiting`` will be run, the others have results already."""
 
     def started(self, job: Job) -> None:
         """A run begins."""
@@ -87,7 +87,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         jobs = _jobs(request, suite.specs[k - 1 :: n][: request.limit], folder.resolve(), where)
         own = {job.id for job in jobs}
         again, killed = _provisional(folder, own, before.records)
-        again += _outdated(folder, jobs, before.records)
+        again += _set_outdated_aside(folder, jobs, before.records)
         done = {r.run_id for r in before.records} - {u.path.stem for u in again}
         waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
@@ -139,7 +139,7 @@ def _jobs(request: Request, specs: Sequence[RunSpec], folder: Path, where: str) 
     return [Job(s, folder, suite.name, code[s.problem, s.solver], commit, *of_suite) for s in specs]
 
 
-def _outdated(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
+def _set_outdated_aside(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
     """Set aside the results of these runs that other code or other limits gave: they are made anew."""
     own = {job.spec.settings_id: job for job in jobs}
     old = [r for r in records if r.settings_id in own and r.run_id != own[r.settings_id].id]

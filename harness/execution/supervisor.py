@@ -106,10 +106,10 @@ def serve(orders: int, news: int) -> None:
                 match order:
                     case Warm(specs, jobs):
                         compiled.load()  # what measures
-                        references = references_apart(jobs, lambda: _closed(orders))
+                        references = references_apart(jobs, lambda: _is_closed(orders))
                         os.write(news, line_of(Warmed({}, references)))
                         warm_apart_then_here(
-                            specs, lambda: _closed(orders), lambda times: os.write(news, line_of(Warmed(times, {})))
+                            specs, lambda: _is_closed(orders), lambda times: os.write(news, line_of(Warmed(times, {})))
                         )
                         os.write(news, line_of(Warmed({}, {}, over=True)))
                     case Stop():
@@ -125,7 +125,7 @@ def serve(orders: int, news: int) -> None:
         supervisor.kill_all()
 
 
-def _closed(descriptor: int) -> bool:
+def _is_closed(descriptor: int) -> bool:
     """Whether no one can write to this pipe any more."""
     poll = select.poll()
     poll.register(descriptor, select.POLLHUP)

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
 from ..reference.computed import BUDGET, reference_of
-from ..results.naming import named
+from ..results.naming import format_name
 from ..sandbox.apart import TICK, Apart
 from ..suites.spec import RunSpec
 from ..types import Problem
@@ -116,7 +116,7 @@ def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda:
                 for plugin in job.plugins:
                     registry.load_plugin(plugin)
                 reference_of(registry.make_problem(job.spec.problem, job.spec.parameters))
-            name = named(job.spec.problem, job.spec.parameters)
+            name = format_name(job.spec.problem, job.spec.parameters)
             send(json.dumps({name: time.monotonic() - began}))
 
     times: dict[str, float] = {}

@@ -98,14 +98,14 @@ def solve_repeatedly(
     The first one counts. Later ones that take less than half of its time were prepared by it, and do not.
     """
     began = cpu_seconds_of_tree()
-    first, (spent, set_up) = _timed(solver, problem, control)
+    first, (spent, set_up) = _solve_timed(solver, problem, control)
     control = dataclasses.replace(control, spool=None)
     times = [spent]
     longest = cpu_seconds_of_tree() - began
     while len(times) < repeats and first.status is Status.SUCCESS:
         if control.cpu_limit is not None and cpu_seconds_of_tree() - began + longest > control.cpu_limit:
             break
-        times.append(_timed(solver, problem, control)[1][0])
+        times.append(_solve_timed(solver, problem, control)[1][0])
     counted = repeated_cost(times)
     cpu = {"cpu_min_s": min(counted), "cpu_median_s": float(np.median(counted)), "cpu_max_s": max(counted)}
     return first, {
@@ -114,7 +114,7 @@ def solve_repeatedly(
     }  # fmt: skip
 
 
-def _timed(
+def _solve_timed(
     solver: Solver | PresentedSolver, problem: Problem, control: StepControl
 ) -> tuple[Trajectory, tuple[float, float]]:
     """A trajectory, and the CPU time of its integration and of the rest of the call, of all that took part."""

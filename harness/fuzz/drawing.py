@@ -52,7 +52,7 @@ def _tree(random: Draw, simple: bool) -> Mechanism:
             middle = 0.5 * (np.array(places[k]) + other) if not simple else other
             point = _plain(middle + np.array(_vector(random, simple, 0.3)), simple)
             connections.append(Connection(kind, k, j, point, _axis(random, simple), _vector(random, simple, 2.0)))
-    return _finished(random, simple, places, connections)
+    return _complete_mechanism(random, simple, places, connections)
 
 
 def _loop(random: Draw, simple: bool) -> Mechanism:
@@ -68,7 +68,7 @@ def _loop(random: Draw, simple: bool) -> Mechanism:
     if free < 1:
         connections[0] = Connection(BALL, 0, GROUND, connections[0].point)
     connections.append(Connection(BALL, n - 1, GROUND, _vector(random, simple, 1.0)))
-    return _finished(random, simple, places, connections)
+    return _complete_mechanism(random, simple, places, connections)
 
 
 def _planar(random: Draw, simple: bool) -> Mechanism:
@@ -81,7 +81,7 @@ def _planar(random: Draw, simple: bool) -> Mechanism:
     connections = [Connection(HINGE, min(k, n - 1), k - 1 if k < n else GROUND, _vec(Q @ c), axis)
                    for k, c in enumerate(corners)]  # fmt: skip
     places = [_vec(Q @ (0.5 * (corners[k] + corners[k + 1]))) for k in range(n)]
-    return _finished(random, simple, places, connections, Q)
+    return _complete_mechanism(random, simple, places, connections, Q)
 
 
 def _parallel(random: Draw, simple: bool) -> Mechanism:
@@ -97,13 +97,13 @@ def _parallel(random: Draw, simple: bool) -> Mechanism:
         connections += [Connection(HINGE, k, GROUND, _vec(Q @ foot), axis),
                         Connection(HINGE, m, k, _vec(Q @ (foot + crank)), axis)]  # fmt: skip
     places.append(_vec(Q @ (crank + 0.5 * (m - 1) * along)))
-    return _finished(random, simple, places, connections, Q)
+    return _complete_mechanism(random, simple, places, connections, Q)
 
 
 FAMILIES: tuple[Callable[[Draw, bool], Mechanism], ...] = (_tree, _tree, _loop, _planar, _parallel)
 
 
-def _finished(
+def _complete_mechanism(
     random: Draw, simple: bool, places: list[Vec], connections: list[Connection], Q: Turn | None = None
 ) -> Mechanism:
     """With masses, inertias, velocities, springs and gravity."""

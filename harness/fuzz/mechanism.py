@@ -78,9 +78,19 @@ class Mechanism:
             [RigidBody(b.mass, np.array(b.inertia)) for b in self.bodies],
             [_joint(c, k, r, R) for k, c in enumerate(self.connections)],
             np.array(self.gravity),
-            [SpringDamper(s.i, _seen(r, R, s.i, s.point_i), s.j, _seen(r, R, s.j, s.point_j), s.stiffness, s.rest,
-                          s.damping) for s in self.springs],
-        )  # fmt: skip
+            [
+                SpringDamper(
+                    s.i,
+                    _to_body_frame(r, R, s.i, s.point_i),
+                    s.j,
+                    _to_body_frame(r, R, s.j, s.point_j),
+                    s.stiffness,
+                    s.rest,
+                    s.damping,
+                )
+                for s in self.springs
+            ],
+        )
         moving = np.array([(b.velocity, b.spin) for b in self.bodies])
         start = project(system, State(r[:-1], R[:-1], moving[:, 0], moving[:, 1]))
         t_end = self.steps * self.dt
@@ -109,7 +119,7 @@ class Mechanism:
 def _joint(c: Connection, k: int, r: Float[np.ndarray, "places 3"], R: Float[np.ndarray, "places 3 3"]) -> Joint:
     x = np.array(c.point)
     far = np.array(c.far) if c.kind == JointKind.DISTANCE else x
-    ends = _seen(r, R, c.i, x), c.j, _seen(r, R, c.j, far)
+    ends = _to_body_frame(r, R, c.i, x), c.j, _to_body_frame(r, R, c.j, far)
     name = f"{c.kind} {k + 1}"
     if c.kind == JointKind.DISTANCE:
         return Joint(c.i, *ends, name=name, kind=c.kind, length=float(np.linalg.norm(x - far)))
@@ -123,7 +133,9 @@ def _joint(c: Connection, k: int, r: Float[np.ndarray, "places 3"], R: Float[np.
     return Joint(c.i, *ends, axis_i, axis_j, name, c.kind, across_i, across_j)
 
 
-def _seen(r: np.ndarray, R: np.ndarray, body: int, x: Float[np.ndarray, " 3"] | Vec) -> Float[np.ndarray, " 3"]:
+def _to_body_frame(
+    r: np.ndarray, R: np.ndarray, body: int, x: Float[np.ndarray, " 3"] | Vec
+) -> Float[np.ndarray, " 3"]:
     """A point of space in the frame of a body, from its C."""
     out: np.ndarray = R[body].T @ (np.array(x) - r[body])
     return out

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..catalogue import registry
 from ..mechanics.state import State
-from ..reference.computed import computed, is_computable
+from ..reference.computed import compute_reference, is_computable
 from ..types import Problem, Solver, Status, StepControl
 from .mechanism import Mechanism
 from .presenting import Form
@@ -83,7 +83,7 @@ class Oracle:
     def truth(self) -> tuple[State | None, float]:
         """The end of the true motion, and how far its computations differ [m]; None if one failed."""
         solver = registry.make_solver(TRUTH)
-        ends = [_ended(self._motion(solver, form, StepControl(rtol=rtol, cpu_limit=CPU)))
+        ends = [_final_state(self._motion(solver, form, StepControl(rtol=rtol, cpu_limit=CPU)))
                 for form, rtol in ((Form(), TRUE), (Form(), NEARLY), (self.form, TRUE))]  # fmt: skip
         if any(end is None for end in ends):
             return None, np.inf
@@ -111,10 +111,10 @@ class Oracle:
             return replace(found, kind=Kind.PARTLY_REFUSED, words=refused, form=form)
         found = replace(found, form=form)
         motions = [[self._motion(solver, f, step) for step in steps] for f in (Form(), form)]
-        reached = [[_ended(m) is not None for m in pair] for pair in motions]
+        reached = [[_final_state(m) is not None for m in pair] for pair in motions]
         if not all(map(all, reached)):
             words = next(m if isinstance(m, str) else "it claims success but does not reach the end"
-                         for pair in motions for m in pair if _ended(m) is None)  # fmt: skip
+                         for pair in motions for m in pair if _final_state(m) is None)  # fmt: skip
             alone = sorted(map(any, reached)) == [False, True] and sorted(map(all, reached)) == [False, True]
             known = self.truth[1] <= self.floor * self.mechanism.size
             return replace(found, kind=Kind.ONE_SIDED if alone and known else Kind.FAILED, words=words)
@@ -141,21 +141,21 @@ class Oracle:
         found = self.examine(name, solver)
         if found.kind not in FINDINGS or not is_computable(self.problem.system):
             return ""
-        reference = computed(self.problem)
+        reference = compute_reference(self.problem)
         if reference is None or reference.horizon < self.problem.t_end:
             return ""
         end = reference.states(np.array([self.problem.t_end]))[0]
         sure = float(reference.error(np.array([self.problem.t_end]))[0])
         true = self.truth[0]
         assert true is not None
-        other = _ended(self._motion(registry.make_solver(SECOND), Form(), StepControl(rtol=1e-10, cpu_limit=CPU)))
+        other = _final_state(self._motion(registry.make_solver(SECOND), Form(), StepControl(rtol=1e-10, cpu_limit=CPU)))
         second = np.inf if other is None else self.apart(other, end)
         if sorted((sure, second, self.apart(true, end)))[1] > 0.1 * found.limit:  # the tested code may be one of them
             return ""
         solver = registry.make_solver(name) if solver is None else solver
         fine, off = _steps(solver.control, self.mechanism.dt)[1], {}
         for form in dict.fromkeys((Form(), found.form)):
-            mine = _ended(self._motion(solver, form, fine))
+            mine = _final_state(self._motion(solver, form, fine))
             off[str(form)] = np.inf if mine is None else self.apart(mine, end)
         if not 0.4 * found.limit < max(off.values()) < np.inf:
             return ""
@@ -191,5 +191,5 @@ def _steps(control: str, dt: float) -> list[StepControl]:
     return [StepControl(rtol=rtol, cpu_limit=CPU) for rtol in (RTOL, RTOL / FINER)]
 
 
-def _ended(motion: "Answer | str") -> State | None:
+def _final_state(motion: "Answer | str") -> State | None:
     return None if isinstance(motion, str) else motion[-1]

@@ -17,7 +17,7 @@ from ..execution.presenting import PresentedSolver, present_problem
 from ..mechanics import so3
 from ..mechanics.joints import Joint, JointKind
 from ..mechanics.presentation import Presentation
-from ..mechanics.state import State, States, rotated
+from ..mechanics.state import State, States, rotate_states
 from ..mechanics.system import MultibodySystem, RigidBody, assemble
 from ..types import Problem, Solver, StepControl, Trajectory
 
@@ -55,7 +55,7 @@ class Form:
     def solve(self, solver: Solver, problem: Problem, control: StepControl) -> Trajectory:
         """The motion of the bodies of ``problem``, which the solver gets in this form; without reactions."""
         found = PresentedSolver(solver).solve(self.problem(problem), control)
-        home = rotated(found.states, so3.exp(-np.array(self.rotation)))
+        home = rotate_states(found.states, so3.exp(-np.array(self.rotation)))
         if self.split:
             home = _Parts(problem.system, self.split - 1).states_back(home)
         return replace(found, states=home, reaction=None)
@@ -157,7 +157,7 @@ class _Parts:
         return States(r, s.R[:, b], v, s.Omega[:, b], s.t)
 
     def _weld(self, weld: Weld) -> list[Joint]:
-        """Of part 0 and part 1, at the C of the whole body."""
+        """Joints that weld part 0 and part 1 at the C of the whole body."""
         x, _, z = np.eye(3)
         at = [-offset for offset in self.offsets]
         if weld == "fixed":

@@ -60,7 +60,7 @@ def _smaller(case: Case) -> Iterator[Case]:
     for b in range(len(m.bodies)):
         for grounded in (False, True):
             if len(m.bodies) > 1 and form.split != b + 1:
-                yield _without(m, b, grounded), _kept(form, m, b)
+                yield _without(m, b, grounded), _remove_from_form(form, m, b)
     for k in range(len(m.springs)):
         yield replace(m, springs=m.springs[:k] + m.springs[k + 1 :]), form
     for k in range(len(m.connections)):
@@ -81,8 +81,8 @@ def _simpler(case: Case) -> Iterator[Case]:
     if form.plain.renumber > 1:
         yield m, replace(form, plain=replace(form.plain, renumber=1))
     for digits in (1, 2):
-        yield _rounded(m, digits), form
-    plainer: tuple[Callable[[Body], Body], ...] = (_at_rest, _unturned, _plain_mass)
+        yield _round_numbers(m, digits), form
+    plainer: tuple[Callable[[Body], Body], ...] = (_at_rest, _align_body, _plain_mass)
     for change in plainer:
         yield replace(m, bodies=tuple(map(change, m.bodies))), form
     for k, b in enumerate(m.bodies):
@@ -126,7 +126,7 @@ def _stays(part: Connection | Spring, body: int, grounded: bool) -> bool:
     return grounded or body not in (part.i, part.j)
 
 
-def _kept(form: Form, m: Mechanism, body: int) -> Form:
+def _remove_from_form(form: Form, m: Mechanism, body: int) -> Form:
     """``form`` of what is left without a body."""
     split = form.split - (form.split > body + 1)
     again = form.plain.duplicate
@@ -145,7 +145,7 @@ def _at_rest(b: Body) -> Body:
     return replace(b, velocity=ZERO, spin=ZERO)
 
 
-def _unturned(b: Body) -> Body:
+def _align_body(b: Body) -> Body:
     return replace(b, turn=ZERO)
 
 
@@ -162,7 +162,7 @@ def _near(x: Vec, digits: int) -> Vec:
     return a, b, c
 
 
-def _rounded(m: Mechanism, digits: int) -> Mechanism:
+def _round_numbers(m: Mechanism, digits: int) -> Mechanism:
     return replace(
         m, bodies=tuple(_rounded_body(b, digits) for b in m.bodies),
         connections=tuple(_rounded_joint(c, digits) for c in m.connections),

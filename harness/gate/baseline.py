@@ -17,7 +17,7 @@ from msgspec.structs import asdict, fields
 
 from ..files import FileError, parse_toml, read_text
 from ..results.environment import ROOT
-from ..shapes import Finite, Shape, shaped
+from ..shapes import Finite, Shape, convert_shape
 from . import thresholds as rules
 from .thresholds import Bound, Expectation, Threshold, Thresholds, Width
 
@@ -54,7 +54,7 @@ def read_thresholds(path: Path) -> Thresholds:
 
 def parse_thresholds(text: str, path: Path) -> Thresholds:
     """The text of a thresholds file; ``path`` names it in messages."""
-    file = shaped(parse_toml(text, str(path)), _File, str(path))
+    file = convert_shape(parse_toml(text, str(path)), _File, str(path))
     bounds: list[Threshold] = []
     case = "bounds"
     try:

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...solvers.formulations.compiled.public import accelerations
-from ..mechanics.consistency import perturbed
-from ..mechanics.dynamics import moved
+from ..mechanics.consistency import perturb
+from ..mechanics.dynamics import advance
 from ..mechanics.jacobian import independent_rows
-from ..mechanics.motion import constraint_rate, energy, opened
+from ..mechanics.motion import constraint_rate, energy, measure_gaps
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..metrics.scales import displacement, speeds
@@ -39,7 +39,7 @@ def measure_growth(problem: Problem) -> tuple[Float[np.ndarray, " nt"], dict[Key
     for seed in range(DRAWS):
         random = np.random.default_rng(seed)
         system = _change(problem.system, random, redundant=redundant)
-        _, other = _integrate(system, perturbed(system, problem.initial, SIZE, seed), problem.t_end)
+        _, other = _integrate(system, perturb(system, problem.initial, SIZE, seed), problem.t_end)
         late = SIZE * random.standard_normal() * t  # a clock that runs wrong
         shifted = States(other.r + late[:, None, None] * base.v, other.R, other.v, other.Omega, t)
         for key, series in evaluate_laws(problem, shifted, base).items():
@@ -67,7 +67,7 @@ def evaluate_laws(problem: Problem, s: States, exact: States) -> dict[Key, Float
         (Law.VELOCITY, ""): np.max(speeds(system, away), axis=1),
     }
     if system.nrows:
-        out[Law.CONSTRAINT, ""] = np.linalg.norm(opened(system, s) * metres, axis=1)
+        out[Law.CONSTRAINT, ""] = np.linalg.norm(measure_gaps(system, s) * metres, axis=1)
         out[Law.CONSTRAINT_RATE, ""] = np.linalg.norm(constraint_rate(system, s) * metres, axis=1)
     at_home, exact_home = problem.home(s), problem.home(exact.at(slice(1)))
     if system.is_conservative:
@@ -98,8 +98,8 @@ def _change(system: MultibodySystem, random: np.random.Generator, *, redundant: 
 def _integrate(system: MultibodySystem, start: State, t_end: float) -> tuple[np.ndarray, States]:
     h, s, out = t_end / STEPS, start, [start]
     for _ in range(STEPS):
-        half = moved(s, accelerations(system, s), 0.5 * h)
-        s = moved(s, accelerations(system, half), h)
+        half = advance(s, accelerations(system, s), 0.5 * h)
+        s = advance(s, accelerations(system, half), h)
         out.append(s)
     t = h * np.arange(STEPS + 1)
     r, R, v, Omega = (np.array([getattr(x, k) for x in out]) for k in ("r", "R", "v", "Omega"))

@@ -20,7 +20,7 @@ from ..catalogue import registry
 from ..execution import handover
 from ..execution.contract import repeated_cost
 from ..execution.handover import LARGEST, Handover, SolverReport
-from ..execution.job import GRACE, Job, cut_short, unfinished
+from ..execution.job import GRACE, Job, cut_short, record_unfinished
 from ..execution.measuring import Outcome, judge_handover
 from ..execution.presenting import bring_home
 from ..execution.run import Send, store_outcome
@@ -180,7 +180,7 @@ def _measure_apart(run: _Run) -> RunRecord:
     ended = Apart(work, limit=MEASURE_LIMIT, memory=MEMORY, stderr=run.job.spool.sibling("measuring.txt")).wait()
     if ended.code == 0:
         return records.from_json(ended.sent)
-    record = unfinished(run.job, ended, math.nan, EndedBy.MEASURE_LIMIT, MEASURE_LIMIT)
+    record = record_unfinished(run.job, ended, math.nan, EndedBy.MEASURE_LIMIT, MEASURE_LIMIT)
     store.write_record(run.job.folder, record)
     return record
 
@@ -197,7 +197,7 @@ def _measure(run: _Run) -> RunRecord:
         "cpu_max_s": max(cpu),
         "repeats": len(cpu),
     }
-    bare = replace(unfinished(job, ended, math.nan, EndedBy.WALL_LIMIT, SLACK * CPU_LIMIT), **cost)
+    bare = replace(record_unfinished(job, ended, math.nan, EndedBy.WALL_LIMIT, SLACK * CPU_LIMIT), **cost)
     outcome = Outcome(replace(bare, section=problem.section, t_end_s=problem.t_end), problem)
     try:
         handed = handover.read(job.handover, hide_problem(problem, job.spec.control)[0].system, ended.cpu)

@@ -5,7 +5,7 @@ import numpy as np
 from .lent import NONE
 
 
-def frozen(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:
+def freeze_array(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:
     """A read-only array of finite numbers."""
     array: np.ndarray = np.array(values, dtype=dtype).reshape(shape)
     if array.dtype == np.float64 and not np.all(np.isfinite(array)):

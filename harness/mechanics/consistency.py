@@ -4,7 +4,7 @@ import numpy as np
 
 from . import so3
 from .lent import principal
-from .motion import constraint, constraint_rate, opened
+from .motion import constraint, constraint_rate, measure_gaps
 from .state import State, States
 from .system import MultibodySystem
 
@@ -31,7 +31,7 @@ def check_start(
     if defect > START_TOLERANCE or np.any(np.linalg.det(state.R) < 0.0):
         raise InconsistentStart(f"{what}'s R must be rotations (got |R^T R - 1| = {defect:.3g})")
     one = States.one(state)
-    gaps = (constraint if any_root else opened)(system, one)[0]
+    gaps = (constraint if any_root else measure_gaps)(system, one)[0]
     rows = np.abs([gaps, constraint_rate(system, one)[0]])
     phi, phi_dot = (float(a) for a in np.max(rows, axis=1, initial=0.0))
     if phi > START_TOLERANCE or (phi_dot > START_TOLERANCE and not literal):
@@ -65,7 +65,7 @@ def project(system: MultibodySystem, state: State, iterations: int = 20) -> Stat
     return out
 
 
-def perturbed(system: MultibodySystem, state: State, size: float, seed: int) -> State:
+def perturb(system: MultibodySystem, state: State, size: float, seed: int) -> State:
     """``state`` with a random change, projected back onto the constraints.
 
     ``size`` is relative: to 1 rad in orientation, to the largest joint arm (1 m without joints) in position, and to the

@@ -33,7 +33,7 @@ def counting(count: Count) -> Iterator[Count]:
         _count.reset(token)
 
 
-def counted(*, factorises: bool) -> Callable[[Callable[P, T]], Callable[P, T]]:
+def count_calls(*, factorises: bool) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Count each call of the function as an evaluation, and as a factorisation if it ``factorises``."""
 
     def mark(function: Callable[P, T]) -> Callable[P, T]:

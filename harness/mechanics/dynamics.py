@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
-from .counting import counted
+from .counting import count_calls
 from .jacobian import constraint_jacobian
 from .lent import check_idle
-from .motion import applied, drift
+from .motion import applied_loads, drift
 from .state import State, States
 from .system import MultibodySystem
 
@@ -23,7 +23,7 @@ RANK = (
 
 @dataclass(frozen=True)
 class Rates:
-    """How a state changes: ``moved`` follows it; ``A^T reaction`` is the load of the joints on the bodies."""
+    """How a state changes: ``advance`` follows it; ``A^T reaction`` is the load of the joints on the bodies."""
 
     v: Float[np.ndarray, "nb 3"]  # [m/s] of C, space
     Omega: Float[np.ndarray, "nb 3"]  # [rad/s] body
@@ -42,16 +42,16 @@ class Equations:
     f: Float[np.ndarray, "nb 6"]  # forces [N, space], torques about C less Omega x J Omega [N m, body]
 
 
-@counted(factorises=False)
+@count_calls(factorises=False)
 def equations(system: MultibodySystem, s: State) -> Equations:
-    """What ``accelerations`` solves."""
+    """Equations that ``accelerations`` solves."""
     M = np.zeros((system.nb, 6, 6))
     M[:, range(3), range(3)] = system.mass[:, None]
     M[:, 3:, 3:] = system.regular_inertia
     return Equations(M, constraint_jacobian(system, s).toarray(), drift(system, States.one(s))[0], _forces(system, s))
 
 
-@counted(factorises=True)
+@count_calls(factorises=True)
 def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
     """Those of index 1 with A a + A_dot v = ``phi_ddot``; redundant rows share their load by least squares.
 
@@ -74,7 +74,7 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     return Rates(s.v, s.Omega, a[:, :3], a[:, 3:], reaction)
 
 
-def moved(s: State, rates: Rates, dt: float) -> State:
+def advance(s: State, rates: Rates, dt: float) -> State:
     """``s`` after ``dt`` [s] at these rates: r + dt v, R exp(dt Omega), v + dt v_dot, Omega + dt Omega_dot."""
     return State(
         s.r + dt * rates.v, s.R @ so3.exp(dt * rates.Omega), s.v + dt * rates.v_dot, s.Omega + dt * rates.Omega_dot,
@@ -83,6 +83,6 @@ def moved(s: State, rates: Rates, dt: float) -> State:
 
 
 def _forces(system: MultibodySystem, s: State) -> np.ndarray:
-    f: np.ndarray = applied(system, States.one(s))[0]
+    f: np.ndarray = applied_loads(system, States.one(s))[0]
     f[:, 3:] -= so3.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
     return f

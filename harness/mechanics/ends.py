@@ -12,7 +12,7 @@ def with_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
     return np.concatenate((a, np.broadcast_to(ground, (len(a), 1, *ground.shape))), axis=1)
 
 
-def turned(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
+def turn_vectors(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Vectors ``x`` (m, 3) fixed in bodies, in space (nt, m, 3)."""
     if not len(body):
         return np.zeros((len(s.r), 0, 3))
@@ -28,14 +28,14 @@ def turning(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Their rates."""
     if not len(body):
         return np.zeros((len(s.r), 0, 3))
-    return turned(s, body, so3.cross(with_ground(s.Omega, np.zeros(3))[:, body], x))
+    return turn_vectors(s, body, so3.cross(with_ground(s.Omega, np.zeros(3))[:, body], x))
 
 
 def points(system: MultibodySystem, s: States, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points of i and of j in space (nt, m, 3)."""
     r, i, j = with_ground(s.r, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
-    x_i = r[:, i] + turned(s, i, system.joint_s_i[joints])
-    return x_i, r[:, j] + turned(s, j, system.joint_s_j[joints])
+    x_i = r[:, i] + turn_vectors(s, i, system.joint_s_i[joints])
+    return x_i, r[:, j] + turn_vectors(s, j, system.joint_s_j[joints])
 
 
 def gaps(system: MultibodySystem, s: States, joints: np.ndarray, *, velocity: bool) -> np.ndarray:

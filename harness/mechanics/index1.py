@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 
 from . import so3
 from .ends import times
-from .motion import applied, drift, row_parts
+from .motion import applied_loads, drift, row_parts
 from .state import States
 from .system import MultibodySystem
 
@@ -44,7 +44,7 @@ def index_1(system: MultibodySystem, s: States) -> Index1:
     few = 6.0 * nb * nrows**2 <= DENSE
     for k in range(0, n, CHUNK):
         part = s.at(slice(k, k + CHUNK))
-        f = applied(system, part)
+        f = applied_loads(system, part)
         f[:, :, 3:] -= so3.cross(part.Omega, times(system.inertia, part.Omega))
         A_dot_v = drift(system, part)
         (_dense if few else _sparse)(system, part, inverse, f, A_dot_v, Index1(*(a[k : k + CHUNK] for a in out)))
@@ -61,7 +61,7 @@ def _dense(
     B = B.reshape(len(s), system.nrows, 6 * system.nb)
     good = np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2))
     good &= np.all(np.isfinite(A_dot_v), axis=1)
-    found = _solved(inverse, B[good], f[good], A_dot_v[good])
+    found = _solve_saddle(inverse, B[good], f[good], A_dot_v[good])
     out.a[good], out.reaction[good] = found
     rows_found = A[good].reshape(len(found[0]), system.nrows, 6 * system.nb)
     out.load[good] = np.matmul(found[1][:, None], rows_found).reshape(found[0].shape)
@@ -138,7 +138,9 @@ def factor_rows(B: Float[np.ndarray, "n k m"]) -> Callable[[np.ndarray], tuple[n
     return apply
 
 
-def _solved(inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _solve_saddle(
+    inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """From L^-1 by bodies, B = A L^-T, f and A_dot v."""
     x = np.einsum("bij,tbj->tbi", inverse, f).reshape(len(f), -1)
     more, reaction = factor_rows(B)(-A_dot_v - times(B, x))

@@ -69,7 +69,7 @@ class Kept:
 
 
 def digest_of(function: Callable[..., Any], *more: object) -> str:
-    """Of bytecode, constants, closures, globals, versions and processor; ``Unknown`` where one cannot be told apart."""
+    """Digest of bytecode, constants, closures, globals, versions and processor; ``Unknown`` where one has no digest."""
     import llvmlite
     import llvmlite.binding as llvm
     import numba

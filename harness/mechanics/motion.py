@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
-from .ends import gaps, points, times, turned, turning
+from .ends import gaps, points, times, turn_vectors, turning
 from .joints import LineRows
 from .moving_rows import moving
 from .state import States
@@ -41,7 +41,7 @@ def energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
     return kinetic_energy(system, s) + potential_energy(system, s)
 
 
-def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
+def applied_loads(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
     """Gravity, springs, dampers, loads, user forces on each body: force [N, space], torque about C [N m, body]."""
     out = np.zeros((len(s.r), system.nb + 1, 6))  # the last one is the ground
     out[:, :-1, :3] = system.mass[:, None] * system.gravity
@@ -126,7 +126,7 @@ def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrow
     return _rows(system, s, velocity=False)
 
 
-def opened(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+def measure_gaps(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     """phi where the assembly is the joint's own; where a row vanishes half a turn away, too, 2 |a| less |phi| there.
 
     Driven angles, sin(theta - f), and the last row of fixed and prismatic joints, sin of the turn about the axis, are
@@ -136,7 +136,10 @@ def opened(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     axis = system.axis_rows()
     last = np.flatnonzero(np.append(axis.joint[:-2] == axis.joint[2:], [False, False]))  # first of three rows a joint
     joint = axis.joint[last]
-    w, n = turned(s, system.joint_i[joint], system.joint_w[joint]), turned(s, system.joint_j[joint], axis.n[last])
+    w, n = (
+        turn_vectors(s, system.joint_i[joint], system.joint_w[joint]),
+        turn_vectors(s, system.joint_j[joint], axis.n[last]),
+    )
     for row, along in ((axis.row[last + 2], np.sum(w * n, axis=-1)), (push.row, push.along)):
         sign = np.where(phi[:, row] < 0.0, -1.0, 1.0)
         phi[:, row] = np.where(along < 0.0, sign * (2.0 - np.abs(phi[:, row])), phi[:, row])
@@ -166,7 +169,9 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
     joints, point = system.point_rows()
     line, axis = system.line_rows(), system.axis_rows()
     push = moving(system, s)
-    torque = so3.cross(turned(s, system.joint_i[axis.joint], axis.u), turned(s, system.joint_j[axis.joint], axis.n))
+    torque = so3.cross(
+        turn_vectors(s, system.joint_i[axis.joint], axis.u), turn_vectors(s, system.joint_j[axis.joint], axis.n)
+    )
     way = _line_ways(system, s, line, velocity=False)[1]
     for ends, arms, sign in ((system.joint_i, system.joint_s_i, 1.0), (system.joint_j, system.joint_s_j, -1.0)):
         m = np.flatnonzero(ends[joints] != GROUND)
@@ -220,7 +225,7 @@ def _line_ways(system: MultibodySystem, s: States, line: LineRows, *, velocity: 
     """phi of the line rows (nt, m), or their rates, and the direction of their force: R_j n, or d / L."""
     if not len(line.row):
         return np.zeros((len(s.r), 0)), np.zeros((len(s.r), 0, 3))
-    d, n = gaps(system, s, line.joint, velocity=False), turned(s, system.joint_j[line.joint], line.n)
+    d, n = gaps(system, s, line.joint, velocity=False), turn_vectors(s, system.joint_j[line.joint], line.n)
     link = line.length > 0.0
     L = np.where(link, line.length, 1.0)
     way = np.where(link[:, None], d / L[:, None], n)
@@ -240,7 +245,7 @@ def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
     push = moving(system, s)
     out[:, push.row] = push.rate(system, s) if velocity else push.phi
     ends = (system.joint_i[axis.joint], axis.u), (system.joint_j[axis.joint], axis.n)
-    u, n = (turned(s, *end) for end in ends)
+    u, n = (turn_vectors(s, *end) for end in ends)
     if not velocity:
         out[:, axis.row] = np.sum(u * n, axis=-1)
     else:

@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from . import so3
-from .ends import points, times, turned, with_ground
+from .ends import points, times, turn_vectors, with_ground
 from .joints import KINDS, Kind, MovingKind
 from .state import States
 from .system import MultibodySystem
@@ -69,8 +69,8 @@ def moving(system: MultibodySystem, s: States) -> Push:
     if m:
         row = np.concatenate([k + np.arange(n) for k, n in zip(rows.row, system.joint_moving[rows.joint], strict=True)])
         x_i, x_j = points(system, s, rows.joint)
-        u = turned(s, system.joint_i[rows.joint], system.joint_u[rows.joint])
-        n = [turned(s, system.joint_j[rows.joint], system.joint_n[rows.joint, k]) for k in range(3)]
+        u = turn_vectors(s, system.joint_i[rows.joint], system.joint_u[rows.joint])
+        n = [turn_vectors(s, system.joint_j[rows.joint], system.joint_n[rows.joint, k]) for k in range(3)]
         f, f_dot, _ = (a.T for a in values(system.joint_motion[rows.joint], s.times))
         at = 0
         for k, kind in enumerate(rows.kind):

@@ -15,7 +15,7 @@ from .joints import DECLARED, KINDS
 from .state import State, States
 from .system import GROUND, MultibodySystem
 from .time_functions import in_units
-from .user_forces import BODY_MIRROR, presented
+from .user_forces import BODY_MIRROR, present_laws
 
 SPACE_AXES = {"none": -1, "X": 0, "Y": 1, "Z": 2}
 
@@ -45,7 +45,7 @@ class Presentation:
         """``s`` as presented to a solver."""
         if self.duplicate > s.nj:
             raise ValueError(f"duplicate must be 0..{s.nj}, a joint of this system (got {self.duplicate})")
-        return _in_units(_renumbered(_repeated(_mirrored(s, self._space()), self.duplicate), *self._orders(s)), self)
+        return _in_units(_renumber(_repeat_joint(_mirror(s, self._space()), self.duplicate), *self._orders(s)), self)
 
     def state(self, s: MultibodySystem, state: State) -> State:
         """A state of the system ``s`` as presented to a solver."""
@@ -74,7 +74,7 @@ class Presentation:
     def reaction_back(self, s: MultibodySystem, presented: Float[np.ndarray, "nt n"]) -> Float[np.ndarray, "nt nrows"]:
         """Forces conjugate to phi of ``s``; a joint declared twice carries the sum of both."""
         _, joints = self._orders(s)
-        repeated = _repeated(s, self.duplicate)
+        repeated = _repeat_joint(s, self.duplicate)
         start = repeated.row_start
         rows = np.concatenate([np.arange(start[j], start[j + 1]) for j in joints]) if s.nj else np.zeros(0, np.int64)
         home = np.empty_like(presented)
@@ -103,26 +103,26 @@ class Presentation:
         return random.permutation(s.nb), random.permutation(nj)
 
 
-def _mirrored(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
+def _mirror(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
     if np.array_equal(S, np.eye(3)):
         return s
 
     def image(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
         at_ground = (ends == GROUND).reshape(-1, *[1] * (a.ndim - 1))
-        return _frozen(np.where(at_ground, a @ S, a @ BODY_MIRROR))
+        return _freeze(np.where(at_ground, a @ S, a @ BODY_MIRROR))
 
     def load_image(a: np.ndarray) -> np.ndarray:
-        return _frozen(np.where(s.load_follows[:, None], a @ BODY_MIRROR, a @ S))
+        return _freeze(np.where(s.load_follows[:, None], a @ BODY_MIRROR, a @ S))
 
     return dataclasses.replace(
-        s, inertia=_frozen(BODY_MIRROR @ s.inertia @ BODY_MIRROR), gravity=_frozen(S @ s.gravity),
+        s, inertia=_freeze(BODY_MIRROR @ s.inertia @ BODY_MIRROR), gravity=_freeze(S @ s.gravity),
         joint_s_i=image(s.joint_s_i, s.joint_i), joint_s_j=image(s.joint_s_j, s.joint_j),
         joint_u=image(s.joint_u, s.joint_i), joint_w=image(s.joint_w, s.joint_i), joint_n=image(s.joint_n, s.joint_j),
         torsion_u=image(s.torsion_u, s.torsion_i), torsion_n=image(s.torsion_n, s.torsion_j),
         spring_p_i=image(s.spring_p_i, s.spring_i), spring_p_j=image(s.spring_p_j, s.spring_j),
-        load_p=_frozen(s.load_p @ BODY_MIRROR), load_force=load_image(s.load_force),
-        load_torque=_frozen(-load_image(s.load_torque)),  # a pseudovector
-        user_law=presented(s.user_law, S),
+        load_p=_freeze(s.load_p @ BODY_MIRROR), load_force=load_image(s.load_force),
+        load_torque=_freeze(-load_image(s.load_torque)),  # a pseudovector
+        user_law=present_laws(s.user_law, S),
     )  # fmt: skip
 
 
@@ -133,25 +133,25 @@ def _mirrored_states(s: States, S: np.ndarray) -> States:
     return States(s.r @ S, S @ s.R @ BODY_MIRROR, s.v @ S, -(s.Omega @ BODY_MIRROR), s.t)
 
 
-def _repeated(s: MultibodySystem, joint: int) -> MultibodySystem:
+def _repeat_joint(s: MultibodySystem, joint: int) -> MultibodySystem:
     if joint == 0:
         return s
-    more: dict[str, Any] = {n: _frozen(np.concatenate((a, a[joint - 1 : joint]))) for n, a in _joint_arrays(s).items()}
+    more: dict[str, Any] = {n: _freeze(np.concatenate((a, a[joint - 1 : joint]))) for n, a in _joint_arrays(s).items()}
     title = f"{s.joint_names[joint - 1]} again" if s.joint_names else ""
     return dataclasses.replace(s, **more, joint_names=(*s.joint_names, title))
 
 
-def _renumbered(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> MultibodySystem:
+def _renumber(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> MultibodySystem:
     if np.array_equal(bodies, np.arange(s.nb)) and np.array_equal(joints, np.arange(s.nj)):
         return s
     new = np.append(np.argsort(bodies), GROUND)  # new number of each body; the last entry, at -1, is the ground
-    changes: dict[str, Any] = {n: _frozen(a[joints]) for n, a in _joint_arrays(s).items()}
-    changes |= {n: _frozen(new[changes[n]]) for n in ("joint_i", "joint_j")}
+    changes: dict[str, Any] = {n: _freeze(a[joints]) for n, a in _joint_arrays(s).items()}
+    changes |= {n: _freeze(new[changes[n]]) for n in ("joint_i", "joint_j")}
     return dataclasses.replace(
-        s, **changes, mass=_frozen(s.mass[bodies]), inertia=_frozen(s.inertia[bodies]),
-        torsion_i=_frozen(new[s.torsion_i]), torsion_j=_frozen(new[s.torsion_j]),
-        spring_i=_frozen(new[s.spring_i]), spring_j=_frozen(new[s.spring_j]), load_i=_frozen(new[s.load_i]),
-        user_i=_frozen(new[s.user_i]), user_j=_frozen(new[s.user_j]),
+        s, **changes, mass=_freeze(s.mass[bodies]), inertia=_freeze(s.inertia[bodies]),
+        torsion_i=_freeze(new[s.torsion_i]), torsion_j=_freeze(new[s.torsion_j]),
+        spring_i=_freeze(new[s.spring_i]), spring_j=_freeze(new[s.spring_j]), load_i=_freeze(new[s.load_i]),
+        user_i=_freeze(new[s.user_i]), user_j=_freeze(new[s.user_j]),
         body_names=tuple(s.body_names[b] for b in bodies) if s.body_names else (),
         joint_names=tuple(s.joint_names[j] for j in joints) if s.joint_names else (),
     )  # fmt: skip
@@ -168,21 +168,21 @@ def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
     units = {"m": L, "rad": 1.0, "m/s": L / T, "": 1.0}  # of the functions of time
     sizes = np.array([units[DECLARED[KINDS[k]].motion] for k in s.joint_sort])
     return dataclasses.replace(
-        s, joint_motion=_frozen(in_units(s.joint_motion, sizes, T)),
-        load_factor=_frozen(in_units(s.load_factor, 1.0, T)), mass=_frozen(s.mass * M),
-        inertia=_frozen(s.inertia * (M * L**2)),
-        gravity=_frozen(s.gravity * (L / T**2)), joint_s_i=_frozen(s.joint_s_i * L),
-        joint_s_j=_frozen(s.joint_s_j * L), spring_p_i=_frozen(s.spring_p_i * L),
-        spring_p_j=_frozen(s.spring_p_j * L), spring_k=_frozen(s.spring_k * (M / T**2)),
-        torsion_k=_frozen(s.torsion_k * (M * L**2 / T**2)), torsion_c=_frozen(s.torsion_c * (M * L**2 / T)),
-        spring_d0=_frozen(s.spring_d0 * L), spring_c=_frozen(s.spring_c * (M / T)),
-        joint_length=_frozen(s.joint_length * L), load_p=_frozen(s.load_p * L),
-        load_force=_frozen(s.load_force * (M * L / T**2)), load_torque=_frozen(s.load_torque * (M * L**2 / T**2)),
-        user_law=presented(s.user_law, np.eye(3), (L, M, T)),
+        s, joint_motion=_freeze(in_units(s.joint_motion, sizes, T)),
+        load_factor=_freeze(in_units(s.load_factor, 1.0, T)), mass=_freeze(s.mass * M),
+        inertia=_freeze(s.inertia * (M * L**2)),
+        gravity=_freeze(s.gravity * (L / T**2)), joint_s_i=_freeze(s.joint_s_i * L),
+        joint_s_j=_freeze(s.joint_s_j * L), spring_p_i=_freeze(s.spring_p_i * L),
+        spring_p_j=_freeze(s.spring_p_j * L), spring_k=_freeze(s.spring_k * (M / T**2)),
+        torsion_k=_freeze(s.torsion_k * (M * L**2 / T**2)), torsion_c=_freeze(s.torsion_c * (M * L**2 / T)),
+        spring_d0=_freeze(s.spring_d0 * L), spring_c=_freeze(s.spring_c * (M / T)),
+        joint_length=_freeze(s.joint_length * L), load_p=_freeze(s.load_p * L),
+        load_force=_freeze(s.load_force * (M * L / T**2)), load_torque=_freeze(s.load_torque * (M * L**2 / T**2)),
+        user_law=present_laws(s.user_law, np.eye(3), (L, M, T)),
     )  # fmt: skip
 
 
-def _frozen(a: np.ndarray) -> np.ndarray:
+def _freeze(a: np.ndarray) -> np.ndarray:
     out = np.array(a)
     out.setflags(write=False)
     return out

@@ -74,7 +74,7 @@ class States:
         return States(state.r[None], state.R[None], state.v[None], state.Omega[None], np.array([state.t]))
 
 
-def rotated(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
+def rotate_states(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
     """The same motion in a space rotated by ``Q``; Omega, in the body frame, stays."""
     R = (s.R.reshape(-1, 9) @ np.kron(Q, np.eye(3)).T).reshape(s.R.shape)  # Q R, of all at once
     return States(s.r @ Q.T, R, s.v @ Q.T, s.Omega, s.t)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from .checks import check_body, check_ends, frozen
+from .checks import check_body, check_ends, freeze_array
 from .forces import Load, SpringDamper, TorsionSpring
 from .joints import (
     DECLARED,
@@ -23,8 +23,8 @@ from .joints import (
     MovingRows,
     Vector,
     beside,
-    chosen,
     directions,
+    select_rows,
     unit,
 )
 from .lent import lent_inertia, principal
@@ -150,7 +150,7 @@ class MultibodySystem:
         return (self.joint_points == 3) & (self.joint_axes == 2)
 
     def joint_kind(self, k: int) -> Kind:
-        """What a joint is."""
+        """Description of a joint."""
         return KINDS[self.joint_sort[k]]
 
     @property
@@ -181,13 +181,13 @@ class MultibodySystem:
 
     def line_rows(self) -> LineRows:
         """All line rows, in the order of phi."""
-        joint, k = _counted(self.joint_lines)
+        joint, k = _number_rows(self.joint_lines)
         row = self.row_start[joint] + self.joint_points[joint] + k
         return LineRows(joint, row, self.joint_n[joint, k], self.joint_length[joint])
 
     def axis_rows(self) -> AxisRows:
         """All axis rows, in the order of phi: (u, n_1), (u, n_2), (w, n_2)."""
-        joint, k = _counted(self.joint_axes)
+        joint, k = _number_rows(self.joint_axes)
         row = self.row_start[joint] + self.joint_points[joint] + self.joint_lines[joint] + k
         u = np.where((k == 2)[:, None], self.joint_w[joint], self.joint_u[joint])
         return AxisRows(joint, row, u, self.joint_n[joint, np.minimum(k, 1)])
@@ -204,7 +204,7 @@ class MultibodySystem:
         return np.flatnonzero(np.array(turns, dtype=bool))
 
 
-def _counted(count: Int[np.ndarray, " nj"]) -> tuple[np.ndarray, np.ndarray]:
+def _number_rows(count: Int[np.ndarray, " nj"]) -> tuple[np.ndarray, np.ndarray]:
     """(joint, number within the joint) of ``count`` rows a joint."""
     joint = np.repeat(np.arange(len(count)), count)
     return joint, np.arange(len(joint)) - np.repeat(np.cumsum(count) - count, count)
@@ -234,54 +234,54 @@ def assemble(
     for k, load in enumerate(loads):
         if not 0 <= load.i < len(bodies):
             raise ValueError(f"load {k}: expected a body in 0..{len(bodies) - 1} (got {load.i})")
-    single = [(k, one) for k, joint in enumerate(joints) for one in chosen(k, joint)]  # k as the user counts
+    single = [(k, one) for k, joint in enumerate(joints) for one in select_rows(k, joint)]  # k as the user counts
     vectors = [directions(k, joint) for k, joint in single]
     names = tuple(joint.name or f"joint {k + 1}" for k, joint in single)
     joints = [joint for _, joint in single]
     counts = [ROWS[j.sort] for j in joints]
     return MultibodySystem(
-        mass=frozen([b.mass for b in bodies], (len(bodies),)),
-        inertia=frozen([b.inertia for b in bodies], (len(bodies), 3, 3)),
-        gravity=frozen(gravity, (3,)),
-        joint_i=frozen([j.i for j in joints], (len(joints),), np.int64),
-        joint_j=frozen([j.j for j in joints], (len(joints),), np.int64),
-        joint_s_i=frozen([j.s_i for j in joints], (len(joints), 3)),
-        joint_s_j=frozen([j.s_j for j in joints], (len(joints), 3)),
-        joint_sort=frozen([KINDS.index(j.sort) for j in joints], (len(joints),), np.int64),
-        joint_points=frozen([c.point for c in counts], (len(joints),), np.int64),
-        joint_lines=frozen([c.line for c in counts], (len(joints),), np.int64),
-        joint_axes=frozen([c.axis for c in counts], (len(joints),), np.int64),
-        joint_moving=frozen([c.moving for c in counts], (len(joints),), np.int64),
-        joint_u=frozen([v["u"] for v in vectors], (len(joints), 3)),
-        joint_w=frozen([v["w"] for v in vectors], (len(joints), 3)),
-        joint_n=frozen([v["n"] for v in vectors], (len(joints), 3, 3)),
-        joint_length=frozen([v["length"] for v in vectors], (len(joints),)),
-        joint_motion=frozen([v["motion"] for v in vectors], (len(joints), 7)),
-        spring_i=frozen([s.i for s in springs], (len(springs),), np.int64),
-        spring_j=frozen([s.j for s in springs], (len(springs),), np.int64),
-        spring_p_i=frozen([s.p_i for s in springs], (len(springs), 3)),
-        spring_p_j=frozen([s.p_j for s in springs], (len(springs), 3)),
-        spring_k=frozen([s.stiffness for s in springs], (len(springs),)),
-        spring_d0=frozen([s.rest_length for s in springs], (len(springs),)),
-        spring_c=frozen([s.damping for s in springs], (len(springs),)),
-        torsion_i=frozen([s.i for s in torsions], (len(torsions),), np.int64),
-        torsion_j=frozen([s.j for s in torsions], (len(torsions),), np.int64),
-        torsion_u=frozen([unit(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)),
-        torsion_n=frozen(
+        mass=freeze_array([b.mass for b in bodies], (len(bodies),)),
+        inertia=freeze_array([b.inertia for b in bodies], (len(bodies), 3, 3)),
+        gravity=freeze_array(gravity, (3,)),
+        joint_i=freeze_array([j.i for j in joints], (len(joints),), np.int64),
+        joint_j=freeze_array([j.j for j in joints], (len(joints),), np.int64),
+        joint_s_i=freeze_array([j.s_i for j in joints], (len(joints), 3)),
+        joint_s_j=freeze_array([j.s_j for j in joints], (len(joints), 3)),
+        joint_sort=freeze_array([KINDS.index(j.sort) for j in joints], (len(joints),), np.int64),
+        joint_points=freeze_array([c.point for c in counts], (len(joints),), np.int64),
+        joint_lines=freeze_array([c.line for c in counts], (len(joints),), np.int64),
+        joint_axes=freeze_array([c.axis for c in counts], (len(joints),), np.int64),
+        joint_moving=freeze_array([c.moving for c in counts], (len(joints),), np.int64),
+        joint_u=freeze_array([v["u"] for v in vectors], (len(joints), 3)),
+        joint_w=freeze_array([v["w"] for v in vectors], (len(joints), 3)),
+        joint_n=freeze_array([v["n"] for v in vectors], (len(joints), 3, 3)),
+        joint_length=freeze_array([v["length"] for v in vectors], (len(joints),)),
+        joint_motion=freeze_array([v["motion"] for v in vectors], (len(joints), 7)),
+        spring_i=freeze_array([s.i for s in springs], (len(springs),), np.int64),
+        spring_j=freeze_array([s.j for s in springs], (len(springs),), np.int64),
+        spring_p_i=freeze_array([s.p_i for s in springs], (len(springs), 3)),
+        spring_p_j=freeze_array([s.p_j for s in springs], (len(springs), 3)),
+        spring_k=freeze_array([s.stiffness for s in springs], (len(springs),)),
+        spring_d0=freeze_array([s.rest_length for s in springs], (len(springs),)),
+        spring_c=freeze_array([s.damping for s in springs], (len(springs),)),
+        torsion_i=freeze_array([s.i for s in torsions], (len(torsions),), np.int64),
+        torsion_j=freeze_array([s.j for s in torsions], (len(torsions),), np.int64),
+        torsion_u=freeze_array([unit(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)),
+        torsion_n=freeze_array(
             [beside(unit(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}") for k, s in enumerate(torsions)],
             (len(torsions), 2, 3),
         ),
-        torsion_k=frozen([s.stiffness for s in torsions], (len(torsions),)),
-        torsion_rest=frozen([s.rest_angle for s in torsions], (len(torsions),)),
-        torsion_c=frozen([s.damping for s in torsions], (len(torsions),)),
-        load_i=frozen([f.i for f in loads], (len(loads),), np.int64),
-        load_p=frozen([f.point for f in loads], (len(loads), 3)),
-        load_force=frozen([f.force for f in loads], (len(loads), 3)),
-        load_torque=frozen([f.torque for f in loads], (len(loads), 3)),
-        load_follows=frozen([f.follows for f in loads], (len(loads),), np.bool_),
-        load_factor=frozen([_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
-        user_i=frozen([f.i for f in user_forces], (len(user_forces),), np.int64),
-        user_j=frozen([f.j for f in user_forces], (len(user_forces),), np.int64),
+        torsion_k=freeze_array([s.stiffness for s in torsions], (len(torsions),)),
+        torsion_rest=freeze_array([s.rest_angle for s in torsions], (len(torsions),)),
+        torsion_c=freeze_array([s.damping for s in torsions], (len(torsions),)),
+        load_i=freeze_array([f.i for f in loads], (len(loads),), np.int64),
+        load_p=freeze_array([f.point for f in loads], (len(loads), 3)),
+        load_force=freeze_array([f.force for f in loads], (len(loads), 3)),
+        load_torque=freeze_array([f.torque for f in loads], (len(loads), 3)),
+        load_follows=freeze_array([f.follows for f in loads], (len(loads),), np.bool_),
+        load_factor=freeze_array([_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
+        user_i=freeze_array([f.i for f in user_forces], (len(user_forces),), np.int64),
+        user_j=freeze_array([f.j for f in user_forces], (len(user_forces),), np.int64),
         user_law=laws_of(user_forces),
         body_names=tuple(b.name or f"body {k + 1}" for k, b in enumerate(bodies)),
         joint_names=names,

@@ -10,7 +10,7 @@ angle is taken within half a turn of theta_0: beyond it a spring would jump.
 import numpy as np
 from jaxtyping import Float
 
-from .ends import times, turned, with_ground
+from .ends import times, turn_vectors, with_ground
 from .state import States
 from .system import MultibodySystem
 
@@ -20,8 +20,8 @@ def torsion(
 ) -> tuple[Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m 3"]]:
     """theta - theta_0, theta_dot and m of all torsional springs."""
     i, j = system.torsion_i, system.torsion_j
-    u = turned(s, i, system.torsion_u)
-    e, b = (turned(s, j, system.torsion_n[:, k]) for k in range(2))
+    u = turn_vectors(s, i, system.torsion_u)
+    e, b = (turn_vectors(s, j, system.torsion_n[:, k]) for k in range(2))
     p, q = np.sum(u * e, axis=-1), np.sum(u * b, axis=-1)
     m = (p[..., None] * np.cross(u, b) - q[..., None] * np.cross(u, e)) / (p * p + q * q)[..., None]
     omega = with_ground(times(s.R, s.Omega), np.zeros(3))

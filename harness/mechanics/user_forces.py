@@ -99,7 +99,7 @@ class Law:
         return out
 
 
-def presented(
+def present_laws(
     laws: Shaped[np.ndarray, " nu"], frame: Float[np.ndarray, "3 3"], units: tuple[float, float, float] = SI
 ) -> Shaped[np.ndarray, " nu"]:
     """The same laws in a space turned or mirrored by ``frame``, and in other units on top."""
@@ -118,15 +118,15 @@ def laws_of(forces: Sequence[UserForce]) -> Shaped[np.ndarray, " nu"]:
     for k, force in enumerate(forces):
         function, bodies = getattr(force.law, "py_func", force.law), 1 + (force.j >= 0)
         if not isinstance(function, FunctionType):
-            raise ValueError(f"{_uncompiled(k)}: it must be a function defined in Python (got {function!r:.80})")
+            raise ValueError(f"{_describe_failure(k)}: it must be a function defined in Python (got {function!r:.80})")
         if (function, bodies) not in made:
-            made[function, bodies] = _compiled(k, Law(function, bodies, np.eye(3)))
+            made[function, bodies] = _compile_law(k, Law(function, bodies, np.eye(3)))
         out[k] = made[function, bodies]
     out.setflags(write=False)
     return out
 
 
-def _compiled(k: int, law: Law) -> Law:
+def _compile_law(k: int, law: Law) -> Law:
     import numba
 
     if numba.config.DISABLE_JIT:
@@ -135,9 +135,9 @@ def _compiled(k: int, law: Law) -> Law:
         law.entry  # noqa: B018 - compiled here, where a mistake is the user's
     except Exception as error:  # besides its own errors, Numba lets Python's through
         reason = textwrap.shorten(str(error), 200, placeholder=" ...") or type(error).__name__
-        raise ValueError(f"{_uncompiled(k)}: {reason}") from None
+        raise ValueError(f"{_describe_failure(k)}: {reason}") from None
     return law
 
 
-def _uncompiled(k: int) -> str:
+def _describe_failure(k: int) -> str:
     return f"user force {k}: numba does not compile law(t, r, R, v, Omega, F, T)"

@@ -49,7 +49,7 @@ def work(
     within = angle <= RESOLVED * 2 ** (DOUBLINGS - 2)
     columns, doubled, spent = np.full((len(h), DOUBLINGS), np.nan), np.zeros(len(h), dtype=np.int64), 0
     while True:
-        wanted = _wanted(energy, gained)
+        wanted = _allowed_error(energy, gained)
         if np.sum(error) <= wanted:
             break
         uncertain = np.flatnonzero(~(error <= wanted * share) & (doubled < DOUBLINGS) & within)
@@ -61,7 +61,7 @@ def work(
         for k in np.unique(doubled[uncertain]):
             steps = uncertain[doubled[uncertain] == k]
             spent += len(steps) * (2 ** (k + 1) + 1)
-            found, change = _extrapolated(columns, steps, int(k), _flow(system, s.at(steps), h[steps], 2 ** int(k + 1)))
+            found, change = _extrapolate(columns, steps, int(k), _flow(system, s.at(steps), h[steps], 2 ** int(k + 1)))
             change[angle[steps] > RESOLVED * 2**k] = np.inf  # whole periods look like none
             surer = change < error[steps]
             gained[steps[surer]], error[steps[surer]] = found[surer], change[surer]
@@ -72,7 +72,7 @@ def work(
     return total, unsure, unknown
 
 
-def _wanted(energy: np.ndarray, gained: np.ndarray) -> float:
+def _allowed_error(energy: np.ndarray, gained: np.ndarray) -> float:
     """[J] the error that the work may have: a part of the drift, or rounding of the energy."""
     drift = energy - energy[0] - np.concatenate(([0.0], np.cumsum(gained)))
     known = np.isfinite(drift)
@@ -81,7 +81,7 @@ def _wanted(energy: np.ndarray, gained: np.ndarray) -> float:
 
 
 def _fastest(system: MultibodySystem, s: States) -> np.ndarray:
-    """Of drives, loads and bodies over each step [rad/s]."""
+    """Largest rate of drives, loads and bodies over each step [rad/s]."""
     sines = [a[a[:, 4] != 0.0, 5] for a in (system.joint_motion, system.load_factor)]
     spin = np.max(np.linalg.norm(s.Omega, axis=2), axis=1, initial=0.0)
     return np.fmax(np.fmax(spin[:-1], spin[1:]), np.max(np.abs(np.concatenate(sines)), initial=0.0))
@@ -109,7 +109,9 @@ def work_along_cubics(system: MultibodySystem, s: States, h: np.ndarray) -> np.n
     out = np.zeros(len(h))
     for k in range(0, len(h), BLOCK):
         steps, ends = slice(k, k + BLOCK), s.at(slice(k, k + BLOCK + 1))
-        out[steps] = sum(w * power(system, between(ends, h[steps], x)) for x, w in zip(NODES, WEIGHTS, strict=True))
+        out[steps] = sum(
+            w * power(system, interpolate_steps(ends, h[steps], x)) for x, w in zip(NODES, WEIGHTS, strict=True)
+        )
     return out * h
 
 
@@ -117,12 +119,12 @@ def _flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.n
     """Work over ``h`` [s] from each state on, by ``parts`` (even) of the symmetric midpoint rule, smoothed (Gragg)."""
     dt = h / parts
     before, (rates, W_rate) = s, _rates(system, s)
-    W_before, here, W = np.zeros(len(h)), _moved(s, s, rates, dt), dt * W_rate
+    W_before, here, W = np.zeros(len(h)), _advance(s, s, rates, dt), dt * W_rate
     for k in range(1, parts + 1):
         rates, W_rate = _rates(system, here)
         if k == parts:
             return np.asarray(0.5 * (W + W_before + dt * W_rate))
-        before, here = here, _moved(before, here, rates, 2.0 * dt)
+        before, here = here, _advance(before, here, rates, 2.0 * dt)
         W_before, W = W, W_before + 2.0 * dt * W_rate
     raise AssertionError("parts must be positive")
 
@@ -133,7 +135,7 @@ def _rates(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
     return found.a, power(system, s, found.reaction)
 
 
-def _moved(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> States:
+def _advance(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> States:
     """``a`` after ``dt`` [s] at the velocities of ``middle`` and at ``rates``."""
     x = dt[:, None, None]
     with np.errstate(all="ignore"):  # what explodes is not finite, and its error says so
@@ -141,7 +143,7 @@ def _moved(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> Stat
     return States(a.r + x * middle.v, R, a.v + x * rates[..., :3], a.Omega + x * rates[..., 3:], a.times + dt)
 
 
-def _extrapolated(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _extrapolate(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The best of Romberg's row ``k``, whose first entry was ``found``, and what it changed; ``columns`` keep it."""
     old, change = columns[steps], np.full(len(steps), np.inf)
     new = np.full_like(old, np.nan)
@@ -185,7 +187,7 @@ def drive_power(
     return -np.sum(found[:, push.row] * push.phi_t, axis=-1)
 
 
-def between(s: States, h: Float[np.ndarray, " steps"], x: float) -> States:
+def interpolate_steps(s: States, h: Float[np.ndarray, " steps"], x: float) -> States:
     """The motion a part ``x`` into each step of ``h`` [s]: cubic in r, and in theta of R = R_0 exp(theta)."""
     dt = h[:, None, None]
     r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)

@@ -14,9 +14,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .consistency import START_TOLERANCE, InconsistentStart, perturbed
+from .consistency import START_TOLERANCE, InconsistentStart, perturb
 from .lent import principal
-from .motion import applied
+from .motion import applied_loads
 from .state import State, States
 from .system import MultibodySystem
 from .time_functions import ONE
@@ -75,7 +75,7 @@ def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
             if not (np.any(start.v) or np.any(start.Omega) or np.any(system.gravity)):  # dampers pull on what moves
                 then = dataclasses.replace(then, Omega=np.full((system.nb, 3), 1.0 / t_end))
             try:
-                out.append(perturbed(system, then, size, seed))
+                out.append(perturb(system, then, size, seed))
                 break
             except (InconsistentStart, np.linalg.LinAlgError):
                 continue
@@ -103,8 +103,8 @@ class _Allowed:
         spun = dataclasses.replace(s, Omega=s.Omega + np.einsum("bij,bj->bi", axes, none * (1.0 / t_end)))
         steady = dataclasses.replace(system, load_factor=np.tile(ONE, (len(system.load_i), 1)))
         loads = np.concatenate(
-            [applied(system, States.one(x).timed(np.array([s.t + c * t_end]))) for x in (s, spun) for c in PLACES]
-            + [applied(steady, States.one(s))]
+            [applied_loads(system, States.one(x).timed(np.array([s.t + c * t_end]))) for x in (s, spun) for c in PLACES]
+            + [applied_loads(steady, States.one(s))]
         )
         if not np.all(np.isfinite(loads)):
             b = int(np.argmax(~np.all(np.isfinite(loads), axis=(0, 2))))

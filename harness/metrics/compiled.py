@@ -54,7 +54,7 @@ def load() -> None:
     laws(system, s, np.zeros(0))
     displacement(system.mass, system.inertia.copy(), s, s)
     speeds(system.mass, system.inertia, s)
-    moved(np.ones(2), s, s)
+    advance_steps(np.ones(2), s, s)
     are_rotations(s.R)
 
 
@@ -209,7 +209,7 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
                     aa += x * x + y * y + z * z
                     aMa += _spin(J, b, x, y, z)
             unit, open_ = metres[axis_row[k]], gap
-            if k > 1 and axis_joint[k - 2] == n:  # the row vanishes half a turn away, too (``motion.opened``)
+            if k > 1 and axis_joint[k - 2] == n:  # the row vanishes half a turn away, too (``motion.measure_gaps``)
                 u, w = _point(origin, Rt, i, joint_w[n]), _point(origin, Rt, j, axis_n[k - 2])
                 if u[0] * w[0] + u[1] * w[1] + u[2] * w[2] < 0.0:
                     open_ = 2.0 - abs(gap)
@@ -267,15 +267,15 @@ def _speeds(mass, J, v, W, out):
             out[t, b] = math.sqrt(v[t, b, 0] ** 2 + v[t, b, 1] ** 2 + v[t, b, 2] ** 2 + turning)
 
 
-def moved(h: Float[np.ndarray, " steps"], a: States, b: States) -> States:
+def advance_steps(h: Float[np.ndarray, " steps"], a: States, b: States) -> States:
     """Poses at the end of each step by the mean velocities of its ends (``rows``); velocities are those means."""
     out = tuple(np.empty_like(x) for x in (a.r, a.R, a.v, a.Omega))
-    _moved(h, a.r, a.R, a.v, a.Omega, b.v, b.Omega, *out)
+    _advance_rows(h, a.r, a.R, a.v, a.Omega, b.v, b.Omega, *out)
     return States(*out)
 
 
 @numba.njit(**JIT)
-def _moved(h, r, R, v_a, W_a, v_b, W_b, r_out, R_out, v_out, W_out):
+def _advance_rows(h, r, R, v_a, W_a, v_b, W_b, r_out, R_out, v_out, W_out):
     nt, nb = r.shape[:2]
     for t in range(nt):
         for b in range(nb):

@@ -34,7 +34,7 @@ def _numbers(a: np.ndarray) -> np.ndarray:
 
 
 def _law_numbers(law: Law) -> Iterator[float]:
-    """Of its code, then how it is presented."""
+    """Numbers of a law's code, then of its presentation."""
     code = hashlib.sha256("\n".join(_value(law.function, set())).encode()).digest()
     yield float(int.from_bytes(code[:6]))
     yield float(law.bodies)

@@ -1,4 +1,4 @@
-"""What a trajectory is worth: one code for every solver, from (t, r, R, v, Omega) alone.
+"""Measure a trajectory: one code for every solver, from (t, r, R, v, Omega) alone.
 
 ``measure`` gives the series; the columns of a record are read off them in ``harness.summary``.
 """
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..mechanics import so3
-from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, energy, opened
+from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, energy, measure_gaps
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from ..mechanics.work import work
@@ -19,9 +19,9 @@ from ..reference.computed import reference_of
 from ..types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Trajectory
 from .mechanisms import mechanisms, part, state_of, states_of
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
-from .rows import between, is_motion, kinematic_defect
-from .scales import KINETIC, STATES, Run, Scales, blocks, compiled, displacement, reached, scales, speeds
-from .truncation import Truncation, truncation, unexplained
+from .rows import interpolate_rows, is_motion, kinematic_defect
+from .scales import KINETIC, STATES, Run, Scales, blocks, displacement, load_compiled, measure_reach, scales, speeds
+from .truncation import Truncation, truncation, unexplained_velocity
 
 JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # not laws of a motion whose start, as printed, opens the joints
 KNOWN = 1e-6  # of the time: an exact motion that ends before is none
@@ -82,9 +82,11 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
     if reference is not None:
         _check_horizon(problem, reference)
     with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
-        whole, E, drift, eq81, phi, phi_dot, unknown = _judged(problem, reference, t, s, np.arange(problem.system.nb))
+        whole, E, drift, eq81, phi, phi_dot, unknown = _judge_laws(
+            problem, reference, t, s, np.arange(problem.system.nb)
+        )
         found = mechanisms(problem.system)
-        each = (whole,) if len(found) == 1 else tuple(_judged(problem, reference, t, s, b)[0] for b in found)
+        each = (whole,) if len(found) == 1 else tuple(_judge_laws(problem, reference, t, s, b)[0] for b in found)
         at_home = problem.home(s)
         return Measured(
             t, whole.size, each, E, drift, phi, phi_dot, eq81, whole.laws[Law.ORTHOGONALITY], unknown,
@@ -103,13 +105,13 @@ def largest(a: Float[np.ndarray, " n"]) -> float:
     return math.inf if np.any(np.isnan(a)) else float(np.max(np.abs(a)))
 
 
-def _judged(
+def _judge_laws(
     problem: Problem, reference: Reference | None, t: np.ndarray, s: States, bodies: np.ndarray
 ) -> tuple[Judged, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
     """With T + V, its drift, the norm of Eq. (81), |phi|, |phi_dot|, and how many steps have unknown work."""
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
     some = (states_of(s.at(k), bodies) for k in blocks(len(t), len(bodies)))
-    parts = [(*_laws(system, b), reached(system, start, b)) for b in some]
+    parts = [(*_laws(system, b), measure_reach(system, start, b)) for b in some]
     E, phi, phi_dot, gap, gap_rate, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
     done, unsure, unknown = work(system, t, states_of(s, bodies), E)
     drift = E - E[0] - done
@@ -117,7 +119,7 @@ def _judged(
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
     laws = {Law.ENERGY: drift, Law.CONSTRAINT: gap, Law.CONSTRAINT_RATE: gap_rate, Law.ORTHOGONALITY: defect}
     binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
-    size = scales(problem, reference, Run(rows, binding, covered(reference, t)), bodies)
+    size = scales(problem, reference, Run(rows, binding, count_covered(reference, t)), bodies)
     return Judged(bodies, size, laws), E, drift, eq81, phi, phi_dot, int(np.sum(unknown))
 
 
@@ -130,7 +132,7 @@ def _shares(whole: Judged, each: tuple[Judged, ...]) -> np.ndarray:
     return out
 
 
-def covered(reference: Reference | None, t: Float[np.ndarray, " nt"]) -> int:
+def count_covered(reference: Reference | None, t: Float[np.ndarray, " nt"]) -> int:
     """Steps up to the horizon; one of 5 s covers a last step at 5.000000000001 s."""
     return 0 if reference is None else int(np.sum(t <= reference.horizon * (1.0 + 1e-12)))
 
@@ -143,12 +145,12 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
     """
     metres = np.ones(system.nrows)
     metres[system.turning_rows] = np.max(system.gyration)
-    if (fast := compiled(len(s) * system.nb)) is not None and fast.takes(system):
+    if (fast := load_compiled(len(s) * system.nb)) is not None and fast.takes(system):
         return fast.laws(system, s, metres)
     phi, phi_dot = constraint(system, s), constraint_rate(system, s)
     return (
         energy(system, s),
-        *(np.linalg.norm(a, axis=1) for a in (phi, phi_dot, opened(system, s) * metres, phi_dot * metres)),
+        *(np.linalg.norm(a, axis=1) for a in (phi, phi_dot, measure_gaps(system, s) * metres, phi_dot * metres)),
         constraint_energy_norm(system, s),
         np.max(so3.orthogonality_defect(s.R), axis=1, initial=0.0),
     )
@@ -168,7 +170,7 @@ def _against_reference(
     if reference is None:
         return {}
     t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
-    n = covered(reference, t)
+    n = count_covered(reference, t)
     names = ("position_error", "orientation_error", "motion_error", "velocity_error", "angular_velocity_error",
              "rate_error", "reference_own_error")  # fmt: skip
     series = {k: np.full(len(t), np.nan) for k in names}
@@ -182,7 +184,7 @@ def _against_reference(
         series["angular_velocity_error"][rows] = np.max(np.linalg.norm(s.Omega[rows] - exact.Omega, axis=2), axis=1)
         apart = States(exact.r, exact.R, s.v[rows] - exact.v, s.Omega[rows] - exact.Omega)
         series["rate_error"][rows] = np.max(shares * speeds(problem.system, apart), axis=1)
-        series["reference_own_error"][rows] = stated(reference, t[rows])
+        series["reference_own_error"][rows] = stated_error(reference, t[rows])
         for name, values in problem.observe(exact).items():
             theirs[name][rows] = values
     about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
@@ -191,7 +193,7 @@ def _against_reference(
     within = predictable(t[:n], series["reference_own_error"][:n] / size.length) if n else 0
     away = series["motion_error"][:within] + series["reference_own_error"][:within]
     steps = truncation(problem.system, t, s, trajectory.reaction, size.speed)
-    more = unexplained(t[:within], s.at(slice(within)), away, series["rate_error"][:within], size.speed)
+    more = unexplained_velocity(t[:within], s.at(slice(within)), away, series["rate_error"][:within], size.speed)
     pull["truncation"] = replace(steps, velocities=float(np.fmax(steps.velocities, more)))
     return {**series, **off, **pull, **about, "reference_observables": theirs}
 
@@ -203,7 +205,7 @@ def _check_horizon(problem: Problem, reference: Reference) -> None:
         raise ValueError(f"the horizon of the reference must be at least {least:g} s (got {reference.horizon:g})")
 
 
-def stated(reference: Reference, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+def stated_error(reference: Reference, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
     """The error that the reference states; ValueError for one that is no bound: it would judge nothing."""
     own = np.asarray(reference.error(t), dtype=float)
     if own.shape != t.shape or not np.all((own >= 0.0) & (own < math.inf)):
@@ -217,10 +219,10 @@ def _between_rows(problem: Problem, reference: Reference, t: np.ndarray, s: Stat
     if len(t) < 2 or not end > 0.0 or not is_motion(s):
         return {}
     at = np.linspace(0.0, end, BETWEEN)
-    at = at[: predictable(at, stated(reference, at) / length)]
+    at = at[: predictable(at, stated_error(reference, at) / length)]
     if len(at) == 0:
         raise ValueError(f"the reference states an error by which nothing can be judged, of a reach of {length:.3g} m")
-    some = ((between(t, s, at[k]), reference.states(at[k])) for k in blocks(len(at), problem.system.nb))
+    some = ((interpolate_rows(t, s, at[k]), reference.states(at[k])) for k in blocks(len(at), problem.system.nb))
     away = np.concatenate([np.max(displacement(problem.system, *both), axis=1) for both in some])
     worst = int(np.argmax(away))  # the first NaN, if there is one
     return {"motion_between": largest(away), "motion_between_s": float(at[worst])}
@@ -236,7 +238,7 @@ def predictable(t: Float[np.ndarray, " nt"], own: Float[np.ndarray, " nt"]) -> i
 def _reaction_error(
     problem: Problem, reference: Reference, t: np.ndarray, s: States, reaction: np.ndarray | None
 ) -> dict:
-    """Of the sum of joint forces on a body, at some instants; nothing where the solver or the reference has none."""
+    """Error of the sum of joint forces on a body at some instants; empty where the solver or the reference has none."""
     system = problem.system
     if reaction is None or system.nj == 0:
         return {}

@@ -37,7 +37,7 @@ def find_peaks(m: Measured, *, literal_start: bool = False) -> dict[str, int]:
 
 
 def _against_reference(m: Measured) -> Iterator[tuple[str, int]]:
-    """Of the errors, over all compared steps and over those that are judged."""
+    """Places of the largest errors, over all compared steps and over those that are judged."""
     own = m.reference_own_error
     compared = 0 if own is None else int(np.sum(~np.isnan(own)))
     if own is None or compared == 0:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..mechanics.motion import applied, row_parts
+from ..mechanics.motion import applied_loads, row_parts
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 
@@ -53,7 +53,7 @@ def exact_pull_on_bodies(
     system: MultibodySystem, motion: Callable[[np.ndarray], States], t: Float[np.ndarray, " nt"]
 ) -> Float[np.ndarray, "nt nb 3"]:
     """Newton: m a_C less what is applied to the exact motion [N], a_C by sixth-order differences of velocities."""
-    return system.mass[:, None] * _rate(motion, t, "v") - applied(system, motion(t))[:, :, :3]
+    return system.mass[:, None] * _rate(motion, t, "v") - applied_loads(system, motion(t))[:, :, :3]
 
 
 def exact_moment_on_bodies(
@@ -63,7 +63,7 @@ def exact_moment_on_bodies(
     here = motion(t)
     spun = np.einsum("bij,tbj->tbi", system.inertia, here.Omega)
     turned = np.einsum("bij,tbj->tbi", system.inertia, _rate(motion, t, "Omega"))
-    return turned + np.cross(here.Omega, spun) - applied(system, here)[:, :, 3:]
+    return turned + np.cross(here.Omega, spun) - applied_loads(system, here)[:, :, 3:]
 
 
 def _rate(motion: Callable[[np.ndarray], States], t: np.ndarray, what: str) -> np.ndarray:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ..mechanics import so3
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
-from .scales import blocks, compiled, displacement, speeds
+from .scales import blocks, displacement, load_compiled, speeds
 
 TURN = 2.0 * np.pi
 
@@ -26,17 +26,17 @@ def kinematic_defect(
     for k in blocks(len(t) - 1, system.nb):
         a, b = s.at(k), s.at(slice(k.start + 1, k.stop + 1))
         h = np.diff(t[k.start : k.stop + 1])
-        moved = _moved(h, a, b)
+        moved = _advance(h, a, b)
         off += np.sum(displacement(system, moved, b), axis=0)
         path += np.sum(displacement(system, a, b), axis=0)
         told += np.sum(h[:, None] * speeds(system, moved), axis=0)
     return off / (np.maximum(path, told) + least)
 
 
-def _moved(h: Float[np.ndarray, " n"], a: States, b: States) -> States:
+def _advance(h: Float[np.ndarray, " n"], a: States, b: States) -> States:
     """Where the mean velocities of the ends of each step, which it has, take it from ``a``."""
-    if (fast := compiled(len(a) * a.nb)) is not None:
-        return fast.moved(h, a, b)
+    if (fast := load_compiled(len(a) * a.nb)) is not None:
+        return fast.advance_steps(h, a, b)
     dt, v, Omega = h[:, None, None], 0.5 * (a.v + b.v), 0.5 * (a.Omega + b.Omega)
     return States(a.r + dt * v, a.R @ so3.exp(dt * Omega), v, Omega)
 
@@ -44,12 +44,12 @@ def _moved(h: Float[np.ndarray, " n"], a: States, b: States) -> States:
 def is_motion(s: States) -> bool:
     """Whether all values are finite and R can be taken for a rotation: what is not breaks another law."""
     finite = all(np.all(np.isfinite(a)) for a in (s.r, s.R, s.v, s.Omega))
-    if finite and (fast := compiled(len(s) * s.nb)) is not None:
+    if finite and (fast := load_compiled(len(s) * s.nb)) is not None:
         return fast.are_rotations(s.R)
     return finite and bool(np.all(np.linalg.det(s.R) > 0.0))
 
 
-def between(t: Float[np.ndarray, " nt"], s: States, at: Float[np.ndarray, " n"]) -> States:
+def interpolate_rows(t: Float[np.ndarray, " nt"], s: States, at: Float[np.ndarray, " n"]) -> States:
     """Poses at times between rows: the cubics with the rows' poses and velocities; velocities are those of the row."""
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     a, b = s.at(k), s.at(k + 1)

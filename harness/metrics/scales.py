@@ -72,7 +72,7 @@ def blocks(nt: int, nb: int) -> Iterator[slice]:
     return (slice(k, min(k + size, nt)) for k in range(0, nt, size))
 
 
-def compiled(poses: int) -> ModuleType | None:
+def load_compiled(poses: int) -> ModuleType | None:
     """The compiled passes for a motion of that many poses; None for a short one, which would not pay for their load."""
     if poses < MANY:
         return None
@@ -88,7 +88,7 @@ def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndar
     position and orientation: a turn counts by as much as it moves the body, a roll of a thin bar about its axis by
     almost nothing, and where C stays in place the turn is all there is.
     """
-    if (fast := compiled(len(a) * system.nb)) is not None and len(b) in (1, len(a)):
+    if (fast := load_compiled(len(a) * system.nb)) is not None and len(b) in (1, len(a)):
         return fast.displacement(system.mass, _second_moments(system), a, b)
     D = a.R - b.R
     turn = np.sum((D @ _second_moments(system)) * D, axis=(2, 3)) / system.mass
@@ -97,27 +97,27 @@ def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndar
 
 def speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
     """sqrt(2 T / m) of each body [m/s]: root mean square of the speed of its matter."""
-    if (fast := compiled(len(s) * system.nb)) is not None:
+    if (fast := load_compiled(len(s) * system.nb)) is not None:
         return fast.speeds(system.mass, system.inertia, s)
     turning = np.einsum("tbi,bij,tbj->tb", s.Omega, system.inertia, s.Omega) / system.mass
     return np.sqrt(np.sum(s.v**2, axis=2) + turning)
 
 
-def reached(system: MultibodySystem, start: State, s: States) -> Rows:
+def measure_reach(system: MultibodySystem, start: State, s: States) -> Rows:
     """What a motion from ``start`` reaches at each time; relative to the total C if nothing is joined to the ground.
 
     Of a motion that all bodies share, speeds and energies still count by ``REST``: less is not resolved beside them.
     """
     one = States.one(start)
-    rows = _reached(system, one, s)
+    rows = _measure_reach(system, one, s)
     if not is_free(system):
         return rows
-    own = _reached(system, without_common_motion(system, one), without_common_motion(system, s))
+    own = _measure_reach(system, without_common_motion(system, one), without_common_motion(system, s))
     own[:, 1:] = np.maximum(own[:, 1:], REST * rows[:, 1:])
     return own
 
 
-def _reached(system: MultibodySystem, start: States, s: States) -> Rows:
+def _measure_reach(system: MultibodySystem, start: States, s: States) -> Rows:
     speed = speeds(system, s)
     risen = potential_energy(system, s) - potential_energy(system, start)
     moved = np.max(displacement(system, s, start), axis=1)
@@ -129,15 +129,15 @@ def _reached(system: MultibodySystem, start: States, s: States) -> Rows:
 def scales(
     problem: Problem, exact: Reference | None, run: Run | None = None, bodies: Int[np.ndarray, " n"] | None = None
 ) -> Scales:
-    """Of the exact motion, and of a run beyond its horizon; of ``bodies`` alone, which ``run`` is of then."""
+    """Scales of the exact motion, and of a run beyond its horizon; of ``bodies`` alone, which ``run`` is of then."""
     bodies = np.arange(problem.system.nb) if bodies is None else bodies
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
     could = possible(system, start)
-    known, t = reached(system, start, States.one(start)), np.zeros(1)
+    known, t = measure_reach(system, start, States.one(start)), np.zeros(1)
     if exact is not None:
         t = np.append(0.0, np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES))
         some = (exact.states(t[1:][k]) for k in blocks(SAMPLES, problem.system.nb))
-        known = np.concatenate((known, *(reached(system, start, states_of(s, bodies)) for s in some)))
+        known = np.concatenate((known, *(measure_reach(system, start, states_of(s, bodies)) for s in some)))
     run = run or Run(known[:0], {}, 0)
     finite = np.isfinite(run.rows).all(axis=1)
     end = len(finite) if np.all(finite) else int(np.argmin(finite))
@@ -153,7 +153,7 @@ def scales(
         found = np.maximum((length, speed, momentum, energy, reach), least)  # to divide by
         at = np.unique(np.append(at, np.argmax(known[:, 0])))
         size = replace(
-            Scales(*(float(v) for v in (*found, min(found[-1], stretched(system))))),
+            Scales(*(float(v) for v in (*found, min(found[-1], longest_reach(system))))),
             exact_at=tuple(t[at[at < len(t)]].tolist()),
             run_at=tuple((at[at >= len(t)] - len(t) + run.covered).tolist()),
         )
@@ -166,7 +166,7 @@ def scales(
 
 
 def possible(system: MultibodySystem, start: State) -> Scales:
-    """Of a system that stays at rest, from what its bodies could: arms of joints, spread of the C's, T(0) + m g L."""
+    """Scales of a system that stays at rest: arms of joints, spread of the C's, T(0) + m g L."""
     gyration = float(np.max(system.gyration))
     spread = float(np.linalg.norm(np.ptp(start.r, axis=0)))
     arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))  # of the ground: a place
@@ -176,13 +176,13 @@ def possible(system: MultibodySystem, start: State) -> Scales:
     one = States.one(start)
     gravity = float(np.linalg.norm(system.gravity))
     springs = float(potential_energy(system, one)[0] + np.einsum("b,i,bi->", system.mass, system.gravity, start.r))
-    energy = float(reached(system, start, one)[0, KINETIC]) + mass * gravity * length + springs
+    energy = float(measure_reach(system, start, one)[0, KINETIC]) + mass * gravity * length + springs
     energy = max(energy, mass * (1e-6 * length) ** 2)  # [J] free of forces: a micrometre a second, relative to the size
     speed = math.sqrt(2.0 * energy / mass)
     return Scales(length, speed, mass * speed, energy, length, length)
 
 
-def stretched(system: MultibodySystem) -> float:
+def longest_reach(system: MultibodySystem) -> float:
     """[m] the farthest that pins let any matter move about one end: twice all arms, and a body turned half a turn."""
     if not np.all(system.joint_points):
         return math.inf  # a slide or a link is as long as it is
@@ -192,6 +192,6 @@ def stretched(system: MultibodySystem) -> float:
 
 
 def _second_moments(system: MultibodySystem) -> Float[np.ndarray, "nb 3 3"]:
-    """Of the mass about C [kg m2], body frame: the integral of x x^T."""
+    """Second moments of the mass about C [kg m2], body frame: the integral of x x^T."""
     half = 0.5 * np.einsum("bii->b", system.inertia)
     return half[:, None, None] * np.eye(3) - system.inertia

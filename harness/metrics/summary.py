@@ -49,8 +49,8 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
             **_way_back(problem, trajectory),
             "invariant_drifts": json.dumps({i.name: _drift(m.invariants[i.name], i.unit) for i in problem.invariants}),
             **_steps(m.t),
-            **_counted(trajectory.counters),
-            "notes": json.dumps([*trajectory.notes, *_unjudged(m)]),
+            **_summarize_counters(trajectory.counters),
+            "notes": json.dumps([*trajectory.notes, *_list_unjudged(m)]),
             "events": len(trajectory.events),
         }
 
@@ -92,14 +92,14 @@ def _energy(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
     }
 
 
-def _unjudged(m: Measured) -> list[str]:
-    """Of the energy: steps over which the work of forces or drives is not known."""
+def _list_unjudged(m: Measured) -> list[str]:
+    """List the steps over which the work of forces or drives, and so the energy, is not known."""
     n, steps = m.steps_of_unknown_work, len(m.t) - 1
     return [f"energy not judged over {n} of {steps} steps: the work done in them is not known"] if n else []
 
 
 def _limits(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
-    """Of |phi| and |phi_dot|, where these are the series that are judged (``measure``: axis rows count in metres)."""
+    """Limits of |phi| and |phi_dot|, where these series are judged (``measure``: axis rows count in metres)."""
     if problem.literal_start or len(m.mechanisms) > 1 or np.any(problem.system.joint_axes):
         return {}
     allowed = size.allowed
@@ -191,7 +191,7 @@ def _steps(t: np.ndarray) -> dict[str, float]:
     return {"steps": len(dt), **sizes, "step_ratio": most / least}
 
 
-def _counted(counters: Mapping[str, int]) -> dict[str, Any]:
+def _summarize_counters(counters: Mapping[str, int]) -> dict[str, Any]:
     out: dict[str, Any] = {"counters": json.dumps({k: int(v) for k, v in counters.items()})}
     for name, known in COUNTER_NAMES.items():
         found = [counters[k] for k in known if k in counters]

@@ -43,7 +43,7 @@ def truncation(
     reaction: Float[np.ndarray, "nt nrows"] | None,
     speed: float,
 ) -> Truncation:
-    """Of velocities, accelerations and reactions of a run; ``speed`` [m/s]: what the motion reaches, in any frame."""
+    """Truncation of velocities, accelerations and reactions of a run; ``speed`` [m/s] is the largest of the motion."""
     k = _steps(system, t, s)
     if len(k) < 3 or not speed > 0.0:
         return Truncation()
@@ -81,7 +81,7 @@ def truncation(
     return Truncation(*out)
 
 
-def unexplained(
+def unexplained_velocity(
     t: Float[np.ndarray, " nt"], s: States, away: Float[np.ndarray, " nt"], rate: Float[np.ndarray, " nt"], speed: float
 ) -> float:
     """The error of velocities [m/s] over that which the error ``away`` [m] of poses explains, both against a reference.
@@ -146,7 +146,7 @@ def _size(system: MultibodySystem, a: np.ndarray) -> np.ndarray:
 
 
 def _weight(system: MultibodySystem, load: np.ndarray) -> np.ndarray:
-    """Of forces [N] and moments [N m], these over the longest arm of a body's joints, or its radius of gyration."""
+    """Norm of forces [N] and of moments [N m] over the longest arm of a body's joints, or its radius of gyration."""
     arm = np.append(system.gyration, 0.0)  # the last one is the ground
     for body, s in ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j)):
         np.maximum.at(arm, body, np.linalg.norm(s, axis=1))

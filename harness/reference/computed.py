@@ -65,7 +65,7 @@ def reference_of(problem: Problem) -> Reference | None:
     """The problem's exact motion, else the computed one (from disk if known); None if too large or a literal start."""
     exact = problem.reference()
     known = exact is not None or problem.literal_start or not is_computable(problem.system)
-    return exact if known else computed(problem)
+    return exact if known else compute_reference(problem)
 
 
 class Source(StrEnum):
@@ -109,9 +109,11 @@ def cost(system: MultibodySystem) -> tuple[float, float]:
     return first, 4e-5 + 2e-5 * nb + 3e-5 * own + 1.2e-9 * nb * n**2 + (2.5e-10 if redundant else 5e-11) * n**3
 
 
-def computed(problem: Problem) -> ComputedReference | None:
+def compute_reference(problem: Problem) -> ComputedReference | None:
     """The computed reference, whatever else is known of the motion; None if not even a first chunk succeeds."""
-    found = orbit.kept(_key(problem), lambda: _agreed(problem.system, problem.initial, problem.t_end))
+    found = orbit.load_or_compute(
+        _key(problem), lambda: _find_agreement(problem.system, problem.initial, problem.t_end)
+    )
     return None if found is None else ComputedReference(found, NewtonEuler(problem.system))
 
 
@@ -223,7 +225,7 @@ class _Motion:
         return speed, max(turn, speed / self.size)
 
 
-def _agreed(system: MultibodySystem, start: State, t_end: float) -> Orbit | None:
+def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbit | None:
     """The orbit of the first level on which both routes agree to the end; else the one that reaches furthest."""
     left, best = BUDGET, None
     for level, (tolerance, correction) in enumerate(LEVELS):

@@ -171,7 +171,7 @@ class NewtonEuler:
         return d
 
     def _ways(self, r: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of the line rows: direction of the force, R_j n or d / L, and the point of i it acts at."""
+        """Direction of the force of each line row, R_j n or d / L, and the point of i it acts at."""
         s, line, turned = self.system, self.line, _with_ground(R, np.eye(3))
         i, j = s.joint_i[line.joint], s.joint_j[line.joint]
         x = _with_ground(r, np.zeros(3))[i] + np.einsum("jab,jb->ja", turned[i], s.joint_s_i[line.joint])

@@ -127,7 +127,7 @@ def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | Non
     return Orbit(np.append(starts, end), y, F, np.array(bound_t), np.array(bound))
 
 
-def kept(key: str | None, compute: Callable[[], Orbit | None]) -> Orbit | None:
+def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orbit | None:
     """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too. Without a key: new."""
     if key is None:
         return compute()

@@ -42,7 +42,7 @@ def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[st
     """The content of ``environment.json``."""
     import psutil
 
-    names = sorted({*_locked(), "numpy", "scipy"})
+    names = sorted({*_read_lock(), "numpy", "scipy"})
     return {
         "schema": 1, "results_folder": folder, "suite": suite, "started": now(),
         "commit": commit().removesuffix("+dirty"), "dirty": commit().endswith("+dirty"),
@@ -91,7 +91,7 @@ def _git(*arguments: str) -> str:
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
-def _locked() -> list[str]:
+def _read_lock() -> list[str]:
     lines = _content(LOCK).decode().splitlines()
     return [line.split("==")[0] for line in lines if "==" in line and not line.startswith((" ", "#"))]
 

@@ -11,7 +11,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from ..files import parse_json, read_text, to_json, write_text
-from ..shapes import shaped
+from ..shapes import convert_shape
 from . import store
 from .provenance import stamp_of
 from .records import RunRecord
@@ -73,7 +73,7 @@ def _parse_row(line: str, where: str) -> Row:
     plain = parse_json(line, where)
     if isinstance(plain, dict):
         plain = {k: NAN if v is None and k in METRICS else v for k, v in plain.items()}
-    return shaped(plain, Row, where)
+    return convert_shape(plain, Row, where)
 
 
 def _add_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:

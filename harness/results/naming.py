@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def named(name: str, given: Mapping[str, Any]) -> str:
+def format_name(name: str, given: Mapping[str, Any]) -> str:
     """``name[key=value,...]``; the name alone where all are defaults."""
     inside = ",".join(f"{k}={text_of(v)}" for k, v in sorted(given.items()))
     return f"{name}[{inside}]" if inside else name

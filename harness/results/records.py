@@ -14,7 +14,7 @@ import msgspec
 
 from .. import files
 from ..files import FileError
-from ..shapes import Shape, shaped
+from ..shapes import Shape, convert_shape
 from ..types import PREDICTABLE, Reason
 
 T = TypeVar("T")
@@ -243,7 +243,7 @@ def from_json(text: str) -> RunRecord:
             raise FileError(f"column {c.name} holds control characters")
     for name, kind in JSON_COLUMNS.items():
         where = f"column {name}"
-        shaped(files.parse_json(getattr(record, name), where), kind, where)
+        convert_shape(files.parse_json(getattr(record, name), where), kind, where)
     reasons_of(record.wrong_because)
     return record
 
@@ -256,7 +256,7 @@ def reasons_json(reasons: Iterable[Reason]) -> str:
 def reasons_of(wrong_because: str) -> tuple[Reason, ...]:
     """The inverse of ``reasons_json``, or FileError."""
     where = "column wrong_because"
-    found = shaped(files.parse_json(wrong_because, where), list[dict[str, Any]], where)
+    found = convert_shape(files.parse_json(wrong_because, where), list[dict[str, Any]], where)
     return tuple(_convert(plain, Reason, where) for plain in found)
 
 
@@ -264,4 +264,4 @@ def _convert(plain: Mapping[str, Any], kind: type[T], where: str) -> T:
     """``plain`` as the dataclass ``kind``, its numbers that are not finite taken back from text."""
     floats = {f.name for f in dataclasses.fields(kind) if f.type is float}  # type: ignore[arg-type]
     given = {k: float(v) if k in floats and v in ("nan", "inf", "-inf") else v for k, v in plain.items()}
-    return shaped(given, kind, where)
+    return convert_shape(given, kind, where)

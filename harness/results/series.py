@@ -14,7 +14,7 @@ import numpy as np
 
 from ..files import FileError, parse_json, to_json
 from ..places import Place, place_of
-from ..shapes import Shape, shaped
+from ..shapes import Shape, convert_shape
 from .npz import read_npz, write_npz
 
 SERIES_SCHEMA: Literal[1] = 1
@@ -97,7 +97,7 @@ def _read(path: Path | Place, sha256: str, wanted: Callable[[str], bool]) -> tup
         raise FileError("not the file that was recorded (truncated or changed)")
     try:
         arrays = read_npz(content, LARGEST, wanted)
-        head = shaped(parse_json(str(arrays.pop("meta", "")), "meta"), Head, "meta")
+        head = convert_shape(parse_json(str(arrays.pop("meta", "")), "meta"), Head, "meta")
         _check_lengths(arrays)
     except ValueError as error:
         raise FileError(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from .. import files
 from ..files import FileError
 from ..places import PARTIAL, NotOwn, Place, place_of
-from ..shapes import Shape, shaped
+from ..shapes import Shape, convert_shape
 from ..types import Status
 from .records import COLUMNS, SCHEMA, RunRecord, from_json, to_json
 from .series import Series, read_series
@@ -149,7 +149,7 @@ def read_record(path: Path | Place) -> RunRecord:
 
 def record_in(name: str, text: bytes) -> RunRecord:
     """The record that the file ``name`` holds, or FileError."""
-    outer = shaped(files.parse_json(text, "record file"), RecordFile, "record file")
+    outer = convert_shape(files.parse_json(text, "record file"), RecordFile, "record file")
     if _digest(outer.record) != outer.sha256:
         raise FileError("its digest does not match: truncated or changed")
     record = from_json(outer.record)

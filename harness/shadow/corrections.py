@@ -87,5 +87,5 @@ class Continuity:
         return float(np.sqrt(self.product(z, z)))
 
     def product(self, y: Float[np.ndarray, "nodes m"], z: Float[np.ndarray, "nodes m"]) -> float:
-        """Of two corrections [m^2]."""
+        """Inner product of two corrections [m^2]."""
         return float(np.sum(self.w[:, None] * y * z))

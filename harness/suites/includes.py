@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..catalogue.options import nearest
 from ..files import FileError, parse_toml, read_text
-from ..shapes import shaped
+from ..shapes import convert_shape
 from .shape import SuiteFile
 
 FOLDER = Path(__file__).parent
@@ -55,7 +55,7 @@ def read_source(path: Path) -> Source:
 
 def source(text: str, name: str, where: str, beside: Path = Path()) -> Source:
     """The suite in ``text``."""
-    return Source(name, where, text, shaped(parse_toml(text, where), SuiteFile, where), beside)
+    return Source(name, where, text, convert_shape(parse_toml(text, where), SuiteFile, where), beside)
 
 
 def with_included(first: Source) -> list[Source]:

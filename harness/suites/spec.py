@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..catalogue import registry
-from ..catalogue.options import shown
-from ..results.naming import named, text_of
+from ..catalogue.options import format_value
+from ..results.naming import format_name, text_of
 from ..types import Problem, StepControl
 
 DEFAULT_RTOL = 1e-8
@@ -49,7 +49,7 @@ class RunSpec:
         words = [f"{k}={text_of(v)}" for k, v in steps.items() if v is not None]
         if c.max_steps != StepControl.max_steps:
             words.append(f"max_steps={c.max_steps}")
-        return " ".join([named(self.problem, self.parameters), named(self.solver, self.options), *words])
+        return " ".join([format_name(self.problem, self.parameters), format_name(self.solver, self.options), *words])
 
     def _settings(self) -> dict[str, Any]:
         return {
@@ -96,7 +96,7 @@ def _positive(name: str, given: Any) -> Any:
         if whole and not value.is_integer():
             raise ValueError
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} must be {wanted} (got {shown(given)})") from None
+        raise ValueError(f"{name} must be {wanted} (got {format_value(given)})") from None
     return int(value) if whole else value
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from ..catalogue import registry
-from ..catalogue.plugins import resolved
+from ..catalogue.plugins import resolve_plugin
 from ..files import FileError
 from ..sandbox.trial import try_apart
 from ..types import Problem
@@ -54,7 +54,7 @@ def _build_suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     for s in sources:
         if not s.file.runs and not s.file.include:
             raise FileError(f"{s.where}: a suite needs at least one [[runs]] group")
-    files = tuple(dict.fromkeys([*map(resolved, plugins), *(p for s in sources for p in _resolve_plugins(s))]))
+    files = tuple(dict.fromkeys([*map(resolve_plugin, plugins), *(p for s in sources for p in _resolve_plugins(s))]))
     if files:  # foreign code may hang, crash or leave when it is loaded or makes a problem
         try:
             specs = try_apart(own.where, lambda: _collect_specs(own, sources, files))
@@ -84,7 +84,7 @@ def _collect_specs(own: Source, sources: list[Source], files: tuple[str, ...]) -
 
 def _resolve_plugins(s: Source) -> list[str]:
     try:
-        return [resolved(p, s.beside) for p in s.file.plugins]
+        return [resolve_plugin(p, s.beside) for p in s.file.plugins]
     except (OSError, ValueError) as error:
         raise FileError(f"{s.where}: plugins: {error}") from None
 

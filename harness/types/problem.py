@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ..mechanics.presentation import Presentation
-from ..mechanics.state import State, States, rotated
+from ..mechanics.state import State, States, rotate_states
 from ..mechanics.system import MultibodySystem
 from ..mechanics.zero_inertia import check_axes
 
 
 class Trait(StrEnum):
-    """What a problem is there to test; ``list`` groups problems by it."""
+    """Purpose of a problem; ``list`` groups problems by it."""
 
     SINGULAR = "singular"  # the rank of A falls at instants
     REDUNDANT = "redundant"  # more rows than their rank, all along
@@ -112,7 +112,7 @@ class Problem:
 
     def home(self, s: States) -> States:
         """``s`` seen from the home frame."""
-        return rotated(s, self.frame.T)
+        return rotate_states(s, self.frame.T)
 
     def observe(self, s: States) -> dict[str, Float[np.ndarray, " nt"]]:
         """All observables of a motion, by name."""
@@ -128,7 +128,7 @@ class Problem:
 
 
 def kind_of(reference: Reference) -> ReferenceKind:
-    """What its stated error is worth."""
+    """How its stated error is known."""
     return ReferenceKind(getattr(reference, "kind", ReferenceKind.COMPUTED))
 
 
@@ -160,7 +160,7 @@ class _TurnedReference:
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         s = self.home.states(t)
-        return (rotated(s, self.frame) if self._is_turned else s).timed(t)
+        return (rotate_states(s, self.frame) if self._is_turned else s).timed(t)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """That at home, and an estimate of the rounding of the start and of the motion when they are turned."""

@@ -1,4 +1,4 @@
-"""What a solver gets and gives: steps or tolerance, a trajectory."""
+"""Input and output of a solver: steps or tolerance, a trajectory."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

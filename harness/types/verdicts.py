@@ -36,7 +36,7 @@ class Status(StrEnum):
 
 
 class EndedBy(StrEnum):
-    """What ended a run. With any but ``SOLVER`` the solver returned nothing."""
+    """Cause of a run's end. With any but ``SOLVER`` the solver returned nothing."""
 
     SOLVER = "solver"  # it returned or refused; the status says how it went
     EXCEPTION = "exception"
@@ -54,7 +54,7 @@ class EndedBy(StrEnum):
 
 
 class Law(StrEnum):
-    """What a claimed success has to satisfy; ``MOTION``: to be near the reference."""
+    """Laws that a claimed success has to satisfy; ``MOTION``: to be near the reference."""
 
     FINITE = "finite"
     START = "start"

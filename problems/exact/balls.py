@@ -55,22 +55,22 @@ def norm(a: Vector) -> arb:
     return root(dot(a, a))
 
 
-def scaled(a: Vector, factor: arb) -> Vector:
+def scale_vector(a: Vector, factor: arb) -> Vector:
     """``factor`` a"""
     return [factor * x for x in a]
 
 
 def product(A: Matrix, B: Matrix) -> Matrix:
     """A B"""
-    return [[dot(row, column) for column in transposed(B)] for row in A]
+    return [[dot(row, column) for column in transpose(B)] for row in A]
 
 
-def transposed(A: Matrix) -> Matrix:
+def transpose(A: Matrix) -> Matrix:
     """A^T"""
     return [list(column) for column in zip(*A, strict=True)]
 
 
-def applied(A: Matrix, b: Vector) -> Vector:
+def apply_matrix(A: Matrix, b: Vector) -> Vector:
     """A b"""
     return [dot(row, b) for row in A]
 
@@ -93,9 +93,9 @@ def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Matrix:
     """The orthogonal polar factor, by Newton and Schulz: X (3 - X^T X)/2; its distance is below |X^T X - 1|."""
     X = [vector(row) for row in R]
     for _ in range(POLAR_STEPS):
-        gram = product(transposed(X), X)
+        gram = product(transpose(X), X)
         X = product(X, [[(3 * (i == j) - gram[i][j]) / 2 for j in range(3)] for i in range(3)])
-    gap = [x - int(i == j) for i, row in enumerate(product(transposed(X), X)) for j, x in enumerate(row)]
+    gap = [x - int(i == j) for i, row in enumerate(product(transpose(X), X)) for j, x in enumerate(row)]
     off = arb(0, norm(gap).upper())
     if not off.upper() < 1e-50:
         raise ValueError("the start's R is no rotation; give an orthogonal matrix")
@@ -104,11 +104,11 @@ def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Matrix:
 
 def frame_about(axis: Vector) -> Matrix:
     """A rotation whose third column is the direction of ``axis``."""
-    e = scaled(axis, 1 / norm(axis))
+    e = scale_vector(axis, 1 / norm(axis))
     k = int(np.argmin([abs(float(x)) for x in e]))
     a = cross(e, [arb(int(i == k)) for i in range(3)])
-    a = scaled(a, 1 / norm(a))
-    return transposed([a, cross(e, a), e])
+    a = scale_vector(a, 1 / norm(a))
+    return transpose([a, cross(e, a), e])
 
 
 def quaternion(R: Matrix) -> Quaternion:
@@ -125,7 +125,7 @@ def quaternion(R: Matrix) -> Quaternion:
     return q
 
 
-def multiplied(a: Quaternion, b: Quaternion) -> Quaternion:
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """a b"""
     v = [a[0] * y + b[0] * x + z for x, y, z in zip(a[1:], b[1:], cross(a[1:], b[1:]), strict=True)]
     return [a[0] * b[0] - dot(a[1:], b[1:]), *v]
@@ -136,7 +136,7 @@ def conjugate(q: Quaternion) -> Quaternion:
     return [q[0], *(-x for x in q[1:])]
 
 
-def extended(x: arb) -> np.longdouble:
+def to_extended(x: arb) -> np.longdouble:
     """A number of at most 64 bits within an ulp of the middle of the ball."""
     if not x.is_finite():
         raise TooWide
@@ -149,7 +149,7 @@ def extended(x: arb) -> np.longdouble:
 
 def extended_complex(x: acb) -> np.clongdouble:
     """Both parts ``extended``."""
-    return np.clongdouble(extended(x.real)) + np.clongdouble(1j) * extended(x.imag)
+    return np.clongdouble(to_extended(x.real)) + np.clongdouble(1j) * to_extended(x.imag)
 
 
 def bound(x: arb) -> float:

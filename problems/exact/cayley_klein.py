@@ -11,7 +11,7 @@ import numpy as np
 from flint import acb, arb
 from jaxtyping import Complex, Float
 
-from .balls import Matrix, Quaternion, conjugate, extended, largest_radius, multiplied, quaternion
+from .balls import Matrix, Quaternion, conjugate, largest_radius, multiply, quaternion, to_extended
 from .theta import UNIT, Phase, ThetaSeries, constant
 
 Four = tuple[Float[np.ndarray, "*nt"], ...]  # w, x, y, z
@@ -38,7 +38,7 @@ class CayleyKlein:
         D = self.under(w).real
         turn_p, turn_s = self.turn_p(t), self.turn_s(t)
         p, s = (over(w) / D * turn for over, turn in ((self.over_p, turn_p), (self.over_s, turn_s)))
-        left, right = (tuple(np.asarray(extended(x)) for x in q) for q in (self.left, self.right))
+        left, right = (tuple(np.asarray(to_extended(x)) for x in q) for q in (self.left, self.right))
         R = rotation(_times(_times(left, _four(p, s)), right))
         rate, mu_p, mu_s = self.rates
         w, p, s, D = (x.astype(y) for x, y in ((w, complex), (p, complex), (s, complex), (D, float)))
@@ -70,9 +70,9 @@ def even_turns(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb
     )
 
 
-def between(left: Matrix, R: Matrix, right: Matrix) -> Quaternion:
+def relative_quaternion(left: Matrix, R: Matrix, right: Matrix) -> Quaternion:
     """The quaternion of left^T R right."""
-    return multiplied(multiplied(conjugate(quaternion(left)), quaternion(R)), quaternion(right))
+    return multiply(multiply(conjugate(quaternion(left)), quaternion(R)), quaternion(right))
 
 
 def pair(q: Quaternion) -> tuple[acb, acb]:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ...harness.mechanics.state import States
 from ...harness.reference.extrapolation import each
-from ...harness.reference.orbit import SAFETY, Orbit, Pair, Piece, chunk, kept, orbit_of
+from ...harness.reference.orbit import SAFETY, Orbit, Pair, Piece, chunk, load_or_compute, orbit_of
 from ...harness.types import ReferenceKind
 from .linkage import Linkage, by_angles, by_nodes
 
@@ -66,7 +66,7 @@ def certified_orbit(pair: Pair, data: str, t_max: float, span: float) -> Orbit:
     """
     settings = (FORMAT, SAFETY, WORST, TOLERANCE, CORRECTION, t_max, span, pair.y0.tolist(), data)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()
-    found = kept(key, lambda: orbit_of(_pieces(pair, t_max, span), lambda: WORST))
+    found = load_or_compute(key, lambda: orbit_of(_pieces(pair, t_max, span), lambda: WORST))
     if found is None:
         raise ArithmeticError("the motion cannot be integrated from its start")
     return found.until(WORST)

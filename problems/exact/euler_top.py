@@ -23,16 +23,16 @@ from jaxtyping import Float
 from .balls import (
     Matrix,
     Vector,
-    applied,
+    apply_matrix,
     cross,
     dot,
-    extended,
     frame_about,
     largest_radius,
     norm,
     product,
     root,
-    transposed,
+    to_extended,
+    transpose,
     vector,
 )
 from .lagrange_top import free_symmetric
@@ -56,12 +56,12 @@ def euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | No
     for j, (i, k) in enumerate(((1, 2), (0, 2), (0, 1))):
         if abs(inertia[k] - inertia[i]) <= SAME_INERTIA * inertia[k]:
             rounded = Rounded.unless(exact and inertia[i] == inertia[k], speed)
-            return free_symmetric(body, R0, Omega0, transposed(P)[j], I[j], (I[i] + I[k]) / 2, rounded)
-    w = applied(transposed(P), Omega0)
+            return free_symmetric(body, R0, Omega0, transpose(P)[j], I[j], (I[i] + I[k]) / 2, rounded)
+    w = apply_matrix(transpose(P), Omega0)
     rounded = Rounded.unless(exact, speed)
     if sum(not x.is_zero() for x in w) <= 1:
-        axis = Omega0 if speed else transposed(P)[0]
-        return steady_precession(body, R0, transposed(R0)[0], arb(0), axis, norm(Omega0), rounded)
+        axis = Omega0 if speed else transpose(P)[0]
+        return steady_precession(body, R0, transpose(R0)[0], arb(0), axis, norm(Omega0), rounded)
     LL = dot([a * b for a, b in zip(I, w, strict=True)], [a * b for a, b in zip(I, w, strict=True)])
     between = dot(I, [x * x for x in w]) * I[1] - LL
     if between.contains(0):
@@ -92,7 +92,7 @@ class JacobiMatrix:
         D = self.under(w).real
         U = np.stack([over(w) / D * turn for over in self.U], axis=-1)
         l = np.stack([over(w).real / D for over in self.l], axis=-1)
-        left, axes = (np.array([[extended(x) for x in row] for row in A]) for A in (self.left, self.axes))
+        left, axes = (np.array([[to_extended(x) for x in row] for row in A]) for A in (self.left, self.axes))
         R = left @ np.stack((U.real, U.imag, l), axis=1) @ axes.T
         return R, self.rates * l.astype(float) @ axes.astype(float).T
 
@@ -127,8 +127,8 @@ def _by_theta(body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rou
     _, t2, t3, t4 = thetas(acb(0), tau)
     scales = (A / size * t4 / t2, B2 / size * t3 / t2, up * C / size * t4 / t3)
     l = tuple(theta(kind, q, arb(0), scale) for kind, scale in zip((2, 1, 3), scales, strict=True))
-    S = frame_about(applied(R0, applied(P, L)))
-    rows = product(product(transposed(S), R0), P)
+    S = frame_about(apply_matrix(R0, apply_matrix(P, L)))
+    rows = product(product(transpose(S), R0), P)
     U0, U0_dot = (
         [acb(x, y) for x, y in zip(*pair, strict=True)] for pair in (rows[:2], [cross(a, w) for a in rows[:2]])
     )

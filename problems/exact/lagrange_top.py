@@ -24,21 +24,21 @@ from flint import acb, arb
 from .balls import (
     Matrix,
     Vector,
-    applied,
+    apply_matrix,
     conjugate,
     cross,
     dot,
     frame_about,
-    multiplied,
+    multiply,
     norm,
     quaternion,
     root,
-    scaled,
+    scale_vector,
     sign,
-    transposed,
+    transpose,
     vector,
 )
-from .cayley_klein import CayleyKlein, between, pair
+from .cayley_klein import CayleyKlein, pair, relative_quaternion
 from .pinned import PinnedBody, PinnedMotion, Rounded
 from .steady_precession import steady_precession
 from .theta import Phase, elliptic_argument, theta, thetas
@@ -62,8 +62,8 @@ def lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion |
     arm, weight = vector(body.arm), vector(body.gravity)
     c, g, m = norm(arm), norm(weight), arb(body.mass)
     axial, transverse = arb(float_axial), arb(float_transverse) + m * dot(arm, arm)
-    k, axis = scaled(weight, -1 / g), scaled(arm, 1 / c)
-    top = _Constants.of(applied(transposed(R0), k), axis, Omega0, 2 * m * g * c / transverse, axial / transverse)
+    k, axis = scale_vector(weight, -1 / g), scale_vector(arm, 1 / c)
+    top = _Constants.of(apply_matrix(transpose(R0), k), axis, Omega0, 2 * m * g * c / transverse, axial / transverse)
     u1, u2, u3 = top.roots
     rates = abs(float(top.spin)) + abs(float(top.b)) + float(root(top.beta * (u3 - u1)))
     upper = bool(u3 - u2 > EQUAL)
@@ -82,7 +82,7 @@ def free_symmetric(
 ) -> PinnedMotion:
     """Without torque: precession about the angular momentum at |L|/I_t, spin of the rest about the axis ``e``."""
     spin = dot(Omega0, e)
-    L = applied(R0, [transverse * w + (axial - transverse) * spin * x for w, x in zip(Omega0, e, strict=True)])
+    L = apply_matrix(R0, [transverse * w + (axial - transverse) * spin * x for w, x in zip(Omega0, e, strict=True)])
     size = norm(L)
     if not size > 0:
         return steady_precession(body, R0, e, arb(0), e, arb(0), rounded)
@@ -141,7 +141,7 @@ def _by_theta(
     y_p = elliptic_argument(root((1 + u1) / (1 + u2)), root((u2 - u1) / (1 + u2)), m1)
     inside = (1 - u2) * (u3 - u1) / ((1 - u1) * (u3 - u2))
     y_s = elliptic_argument(root(inside), root(1 - inside), m1)
-    eta_p, eta_s = to_phase * _signed(y_p, top.a + top.b, K1), to_phase * _signed(y_s, top.b - top.a, K1)
+    eta_p, eta_s = to_phase * _copy_sign(y_p, top.a + top.b, K1), to_phase * _copy_sign(y_s, top.b - top.a, K1)
     at_p, at_s, zero = (thetas(acb(0, -eta), tau) for eta in (eta_p, eta_s, arb(0)))
     slope_p, slope_s = (
         (thetas(acb(0, -eta), tau, 1)[1] / at[1]).imag for eta, at in ((eta_p, at_p), (eta_s, at_s))
@@ -151,8 +151,8 @@ def _by_theta(
     mu_s = (top.b - top.a) / (2 * (1 - u1)) + (top.a - top.spin) / 2 - rate * slope_s
     P = root((1 + u2) / 2) * abs(zero[2] / at_p[1])  # theta4(pi/2) = theta3(0)
     Q = root((1 - u1) / 2) * abs(zero[3] / at_s[1])
-    q0 = between(S, R0, B)
-    q_dot = scaled(multiplied(q0, [arb(0), *applied(transposed(B), Omega0)]), arb(1) / 2)
+    q0 = relative_quaternion(S, R0, B)
+    q_dot = scale_vector(multiply(q0, [arb(0), *apply_matrix(transpose(B), Omega0)]), arb(1) / 2)
     factors = []
     for kind, eta, mu, size, start, start_dot in zip(
         (0, 1), (eta_p, eta_s), (mu_p, mu_s), (P, Q), pair(q0), pair(q_dot), strict=True
@@ -189,7 +189,7 @@ def _argument(top: _Constants, m: arb) -> arb:
     return elliptic_argument(sn, cn, m)
 
 
-def _signed(y: arb, x: arb, K1: arb) -> arb:
+def _copy_sign(y: arb, x: arb, K1: arb) -> arb:
     """``y`` with the sign of ``x``; where x may be 0, y is about 0 or K1, and -y gives the same motion as 2 K1 - y."""
     if sign(x):
         return sign(x) * y

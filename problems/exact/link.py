@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
 from ...harness.types import ReferenceKind
-from .balls import applied, cross, dot, frame_about, in_balls, scaled, transposed, vector
+from .balls import apply_matrix, cross, dot, frame_about, in_balls, scale_vector, transpose, vector
 from .one_body import pinned_motion
 from .pinned import PinnedBody, PinnedMotion
 
@@ -51,5 +51,5 @@ def link_motion(mass: float, length: float, gravity: Float[np.ndarray, " 3"], st
     R = frame_about(r)  # of the arm, without spin about it
     massless, arm = np.zeros((3, 3)), np.array([0.0, 0.0, length])
     body = PinnedBody(mass, massless, mass * length**2 * np.diag([1.0, 1.0, 0.0]), arm, np.zeros(3), gravity)
-    motion = pinned_motion(body, R, applied(transposed(R), scaled(cross(r, v), 1 / dot(r, r))))
+    motion = pinned_motion(body, R, apply_matrix(transpose(R), scale_vector(cross(r, v), 1 / dot(r, r))))
     return None if motion is None else LinkMotion(motion, start.R[0])

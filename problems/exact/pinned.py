@@ -38,7 +38,7 @@ class Rounded:
 
     @staticmethod
     def unless(exact: bool, rate: float) -> "Rounded":
-        """Of data not ``exact``, for a motion at ``rate`` [rad/s]."""
+        """Rounding of data that are not ``exact``, for a motion at ``rate`` [rad/s]."""
         return Rounded() if exact else Rounded(64.0 * ROUNDING, 4.0 * ROUNDING * rate)
 
 

@@ -9,7 +9,7 @@ principal axis, and of a top whose axis rests or keeps its height.
 from flint import arb
 
 from .balls import Matrix, Vector, frame_about
-from .cayley_klein import between, even_turns
+from .cayley_klein import even_turns, relative_quaternion
 from .pinned import PinnedBody, PinnedMotion, Rounded
 
 
@@ -18,5 +18,5 @@ def steady_precession(
 ) -> PinnedMotion:
     """Precession [rad/s] about ``k`` (space) and spin [rad/s] about ``e`` (body)."""
     S, B = frame_about(k), frame_about(e)
-    motion = even_turns(between(S, R0, B), S, B, (precession + spin) / 2, (precession - spin) / 2)
+    motion = even_turns(relative_quaternion(S, R0, B), S, B, (precession + spin) / 2, (precession - spin) / 2)
     return PinnedMotion("closed form: steady precession", body, motion, rounded)

@@ -18,7 +18,7 @@ import numpy as np
 from flint import acb, arb
 from jaxtyping import Complex, Float
 
-from .balls import TooWide, bound, extended, extended_complex, in_balls
+from .balls import TooWide, bound, extended_complex, in_balls, to_extended
 
 UNIT = 2.0**-64  # relative rounding of one operation
 PROVABLE = np.finfo(np.longdouble).nmant >= 63  # elsewhere than on x86 and some servers it is float64
@@ -48,7 +48,7 @@ class Phase:
         high = _leading(float(rate))
         middle = _leading(float(rate - high))
         return Phase(
-            extended(z0), np.longdouble(high), np.longdouble(middle), extended(rate - high - middle),
+            to_extended(z0), np.longdouble(high), np.longdouble(middle), to_extended(rate - high - middle),
             bound(z0 - z0.mid()), bound(rate - rate.mid()),
         )  # fmt: skip
 
@@ -127,7 +127,7 @@ def theta(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
         if n > 1 and size <= CUT * largest:
             ratio = bound((q.log() * (m + 1)).exp() * (grown**2 + grown**-2))  # of the next term to this one
             if ratio < 0.5:
-                return ThetaSeries(odd, _frozen(c), _frozen(d), 2.0 * size + radius)
+                return ThetaSeries(odd, _freeze_terms(c), _freeze_terms(d), 2.0 * size + radius)
         c.append(up)
         d.append(down)
         radius += sum(bound(x.real - x.real.mid()) + bound(x.imag - x.imag.mid()) for x in (up, down))
@@ -137,7 +137,7 @@ def theta(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
 def constant(value: acb) -> ThetaSeries:
     """A series of one term, the same for all phases."""
     radius = bound(value.real - value.real.mid()) + bound(value.imag - value.imag.mid())
-    return ThetaSeries(0, _frozen([value]), _frozen([acb(0)]), radius)
+    return ThetaSeries(0, _freeze_terms([value]), _freeze_terms([acb(0)]), radius)
 
 
 def thetas(z: acb, tau: acb, derivative: int = 0) -> tuple[acb, ...]:
@@ -162,7 +162,7 @@ def _leading(x: float) -> float:
     return float(np.ldexp(np.rint(np.ldexp(fraction, SPLIT)), exponent - SPLIT))
 
 
-def _frozen(values: list[acb]) -> Complex[np.ndarray, " terms"]:
+def _freeze_terms(values: list[acb]) -> Complex[np.ndarray, " terms"]:
     a = np.array([extended_complex(x) for x in values])
     a.flags.writeable = False
     return a
@@ -171,7 +171,7 @@ def _frozen(values: list[acb]) -> Complex[np.ndarray, " terms"]:
 @in_balls
 def _table() -> tuple[np.longdouble, Complex[np.ndarray, " parts"]]:
     angles = [2 * arb.pi() * k / PARTS for k in range(PARTS)]
-    return extended(2 * arb.pi()), _frozen([acb(x.cos(), x.sin()) for x in angles])
+    return to_extended(2 * arb.pi()), _freeze_terms([acb(x.cos(), x.sin()) for x in angles])
 
 
 TURN, TABLE = _table()

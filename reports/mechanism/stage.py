@@ -15,7 +15,7 @@ from ..model.results import Results, Run
 from ..plots.browser import Steps
 from ..plots.palette import Look
 from .segments import Mechanism, mechanism_of
-from .theatre.poses import Poses, between, finite
+from .theatre.poses import Poses, finite, interpolate_poses
 from .theatre.scene import player_of, stored_exact
 from .view import flat, view_of
 
@@ -47,7 +47,7 @@ def stage(results: Results, roles: Sequence[Role], measure: Measure | None, look
     horizon = measure.until if measure and measure.until else math.inf  # beyond it no error tells one from another
     whole = min(max(float(m.t[-1]) for _, _, m in found), WINDOW, horizon)
     t = np.linspace(0.0, whole, max(min(frames, COORDINATES // (4 * len(first.body))), 24))
-    lines = [segments_at(m, player_of(role.run, s, stored(s)).poses, t, view) for role, s, m in found]
+    lines = [segments_at(m, player_of(role.run, s, load_poses(s)).poses, t, view) for role, s, m in found]
     until = 0.0 if known is None else float(known.t[-1])
     exact = None if known is None else segments_at(first, known, t[t <= until], view)
     ground = flat(first.ground, view)
@@ -79,11 +79,11 @@ def moment(results: Results, run: Run, t: float) -> tuple[np.ndarray, np.ndarray
     view, at = view_of(mechanism), np.array([t])
     exact = stored_exact(series)
     known = exact is not None and len(exact) > 1 and float(exact.t[-1]) >= t
-    own = segments_at(mechanism, player_of(run, series, stored(series)).poses, at, view)[0]
+    own = segments_at(mechanism, player_of(run, series, load_poses(series)).poses, at, view)[0]
     return own, segments_at(mechanism, exact, at, view)[0] if known and exact else None, flat(mechanism.ground, view)
 
 
-def stored(series: Series) -> Poses:
+def load_poses(series: Series) -> Poses:
     """The poses that a run kept."""
     return finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
 
@@ -92,7 +92,7 @@ def segments_at(
     m: Mechanism, poses: Poses, t: Float[np.ndarray, " n"], view: np.ndarray
 ) -> Float[np.ndarray, "n ns 2 2"]:
     """Both ends of every segment on paper; held where the poses end."""
-    at = between(poses, t)
+    at = interpolate_poses(poses, t)
     R = Rotation.from_quat(at.q.reshape(-1, 4)).as_matrix().reshape(*at.q.shape[:2], 3, 3)
     moved = replace(m, t=t, r=at.r, R=R)
     return flat(np.stack([moved.segments(k) for k in range(len(t))]), view)

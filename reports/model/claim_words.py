@@ -14,7 +14,7 @@ from ...harness.results.judgements.claims import (
     Value,
     Verdict,
 )
-from .words import listed, number, plural, unit
+from .words import join_words, number, plural, unit
 
 WHERE = ("at the paper's settings", "beyond them")
 FACTOR = 1.5  # by which bands are moved (harness.referee.claims.predicates)
@@ -34,7 +34,7 @@ LEFT_OUT = {
 }
 
 
-def measured(test: Test) -> str:
+def format_measured(test: Test) -> str:
     """``0.031 J``; ``never`` for a time that does not come."""
     if test.unbounded:
         return "never" if test.unit == "s" else "unbounded"
@@ -65,19 +65,19 @@ def metric(test: Test) -> str:
 def value(name: str, given: Value) -> str:
     """A value of a dimension: ``5``, ``a consistent start``."""
     if isinstance(given, bool):
-        return FLAGS.get(name, (spaced(name), f"no {spaced(name)}"))[not given]
+        return FLAGS.get(name, (spell_out(name), f"no {spell_out(name)}"))[not given]
     if given is None:
-        return f"no {spaced(name)}"
+        return f"no {spell_out(name)}"
     return given if isinstance(given, str) else f"{given:g}"
 
 
 def setting(name: str, given: Value) -> str:
     """The same with the dimension where it is needed: ``gain 5``."""
     alone = given is None or isinstance(given, bool) or name in ("problem", "solver", "frame")
-    return value(name, given) if alone else f"{spaced(name)} {value(name, given)}"
+    return value(name, given) if alone else f"{spell_out(name)} {value(name, given)}"
 
 
-def spaced(name: str) -> str:
+def spell_out(name: str) -> str:
     """A name with spaces for underscores."""
     return name.replace("_", " ")
 
@@ -85,7 +85,7 @@ def spaced(name: str) -> str:
 def because(c: Claim) -> str:
     """What was run, counts and conditions at the paper's settings and beyond them, and caveats, in sentences."""
     b = c.because
-    out = [*b.stand_ins, *(s for where, f in sides(c) for s in _found(c, where, f))]
+    out = [*b.stand_ins, *(s for where, f in sides(c) for s in _describe_finding(c, where, f))]
     if b.across and c.findings:
         out.append(f"each setting is compared across {b.across}")
     if b.met_at:
@@ -114,13 +114,13 @@ def distinct(f: Finding) -> str:
     return f"{f.settings} distinct of {f.rows}" if f.rows > f.settings else str(f.settings)
 
 
-def _found(c: Claim, where: str, f: Finding) -> list[str]:
+def _describe_finding(c: Claim, where: str, f: Finding) -> list[str]:
     out = []
     if f.settings:
         percent = f", {100.0 * f.holds / f.settings:.0f} %" if f.verdict is Verdict.MIXED else ""
         out.append(f"{where} it holds in {f.holds} of {plural(f.settings, 'setting')}{percent}")
         out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
-        out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spaced(c.because.across))}" if f.met else ""
+        out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
     out += map(_missing, f.missing)
     if f.stopped:
         out.append(f"in {f.stopped} of these {f.holds} because a run stopped before its end")
@@ -144,10 +144,10 @@ def decision(c: Claim, d: Decision) -> str:
     if d.by:
         return f"{'always unless' if d.unless else 'only and always'} with {condition(d)}"
     yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
-    parts = [f"{word} with {_listed(some)}" for word, some in (("always", yes), ("never", no)) if some]
+    parts = [f"{word} with {_list_conditions(some)}" for word, some in (("always", yes), ("never", no)) if some]
     if d.telling and d.telling in c.factors:
         counts = ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in c.factors[d.telling])
-        parts.append(f"{spaced(d.telling)} matters most: {counts}")
+        parts.append(f"{spell_out(d.telling)} matters most: {counts}")
     return "; ".join(parts) or "no dimension varies"
 
 
@@ -156,8 +156,8 @@ def condition(d: Decision) -> str:
     return " and ".join(" or ".join(setting(name, v) for v in values) for name, values in d.by.items())
 
 
-def tried(c: Claim) -> str:
-    """Of the settings that settle the claim; those left out beside it."""
+def describe_count(c: Claim) -> str:
+    """Count of settings that hold, and of those excluded."""
     left = sum(x.settings for f in c.findings for x in f.left_out)
     holds, settings = sum(f.holds for f in c.findings), sum(f.settings for f in c.findings)
     return f"holds in {holds} of {settings} settings{f', {left} left out' if left else ''}"
@@ -165,10 +165,10 @@ def tried(c: Claim) -> str:
 
 def figures(c: Claim) -> str:
     """``6 and 7``."""
-    return listed([str(n) for n in c.figure])
+    return join_words([str(n) for n in c.figure])
 
 
-def _listed(conditions: Sequence[Condition]) -> str:
+def _list_conditions(conditions: Sequence[Condition]) -> str:
     more = f"; and {len(conditions) - MOST_LISTED} more" if len(conditions) > MOST_LISTED else ""
     return "; ".join(map(_condition, conditions[:MOST_LISTED])) + more
 

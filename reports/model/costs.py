@@ -7,7 +7,7 @@ from typing import Any
 
 from .accuracy import measure_for
 from .frontier import Frontier
-from .results import Results, Run, Variant, by_solver, grouped, text_of
+from .results import Results, Run, Variant, by_solver, group_by, text_of
 from .words import decade, mark, number, seconds
 
 ASKED = "1 mm"
@@ -23,10 +23,10 @@ def length(value: float, unit: str) -> str:
 
 
 def costs(results: Results, found: Sequence[Frontier], url: Callable[[Run], str]) -> list[dict[str, Any]]:
-    """Of every problem in ``found``, at the errors that at least two solvers reach."""
+    """Costs of every problem in ``found``, at the errors that at least two solvers reach."""
     variants = {p.title: p for p in results.variants}
     return [_of(variants[title], own, url)
-            for title, own in grouped(found, lambda f: f.variant).items()]  # fmt: skip
+            for title, own in group_by(found, lambda f: f.variant).items()]  # fmt: skip
 
 
 def _of(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str]) -> dict[str, Any]:

@@ -33,7 +33,9 @@ def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float
     return Curve(t[at], a[at])
 
 
-def signed(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_SIGNED) -> Curve:
+def signed_curve(
+    t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_SIGNED
+) -> Curve:
     """Smallest and largest value in each span, in their order of time, and the ends."""
     t, a = _finite(t, a)
     starts = _starts(t, t_end, spans)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 MOST = 7
 
 
-def chosen(best_first: Sequence[str], family: Callable[[str], str], first: Iterable[str] = ()) -> tuple[str, ...]:
+def choose_focus(best_first: Sequence[str], family: Callable[[str], str], first: Iterable[str] = ()) -> tuple[str, ...]:
     """``first``, the best and the worst, then the best of every family, then the next best."""
     order = list(dict.fromkeys(best_first))
     ends = [*order[:1], *order[-1:]]

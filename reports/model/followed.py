@@ -14,7 +14,7 @@ SHADES = ("ten", "one", "tenth")  # of a bar, by the levels of ``ACCURATE``
 
 @dataclass(frozen=True)
 class Followed:
-    """Of a solver's finest settings: the shades in percent of the time that is known, the narrowest first."""
+    """How long a solver's finest settings track the reference, in percent of the known time, the narrowest first."""
 
     run: Run
     until: float  # [s] within a tenth of the reach
@@ -29,7 +29,7 @@ class Followed:
         return self.open or self.until >= WHOLE * self.known
 
 
-def followed(variant: Variant) -> Sequence[Followed]:
+def list_followed(variant: Variant) -> Sequence[Followed]:
     """One a solver, the longest first; none without a reference."""
     out = []
     for own in by_solver(variant.runs).values():

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from .accuracy import Measure, measure_for
 from .catalogue import is_engine
-from .results import Results, Run, Variant, grouped
+from .results import Results, Run, Variant, group_by
 from .variants import presentation
 
 TARGETS = tuple(10.0**-k for k in range(1, 12))  # in the unit of the problem's error
@@ -62,7 +62,7 @@ class Frontier:
 
 
 def frontiers(results: Results) -> list[Frontier]:
-    """Of every variant with a reference and every target that two solvers reach, but of no presentation."""
+    """Frontiers of every variant with a reference at targets that two solvers reach; presentations are left out."""
     out = []
     for variant in results.variants:
         measure = measure_for(variant.runs)
@@ -88,7 +88,7 @@ def engines_first(found: Sequence[Frontier]) -> list[Frontier]:
 
 
 def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
-    """Of the tightest error that half of all solvers on all problems reach; of the loosest where none is."""
+    """Frontiers at the tightest error that half of all solvers on all problems reach; else at the loosest."""
     by_target = {t: [f for f in found if f.target == t] for t in sorted({f.target for f in found})}
     pairs = {f.variant: len(f.places) + len(f.missed) for f in found}
     reached = (own for own in by_target.values() if 2 * sum(len(f.places) for f in own) >= sum(pairs.values()))
@@ -96,10 +96,10 @@ def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
 
 
 def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
-    by_solver = grouped(variant.runs, lambda c: c.record.solver)
+    by_solver = group_by(variant.runs, lambda c: c.record.solver)
     best, missed, refused = list[Reach](), list[str](), list[Run]()
     for solver, own in by_solver.items():
-        reaches = [r for same in grouped(own, lambda c: c.method).values() if (r := reach(same, measure, target))]
+        reaches = [r for same in group_by(own, lambda c: c.method).values() if (r := reach(same, measure, target))]
         if reaches:
             best.append(min(reaches, key=lambda r: r.cpu_s))
         elif all(c.status == "refused" for c in own):

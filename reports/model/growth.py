@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from .motion import bodies_in
-from .results import Results, Run, grouped
+from .results import Results, Run, group_by
 
 SIZES = 3  # a slope from two sizes would be no evidence
 
@@ -46,10 +46,10 @@ def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
     """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
     timed = [c for c in runs if c.succeeded and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
     sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
-    found = grouped(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words, c.record.t_end_s))
+    found = group_by(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words, c.record.t_end_s))
     out = []
     for key, own in sorted(found.items()):
-        sizes = dict(sorted(grouped(own, lambda c: bodies[c.record.run_id]).items()))
+        sizes = dict(sorted(group_by(own, lambda c: bodies[c.record.run_id]).items()))
         if len(sizes) >= SIZES:
             cost = [float(np.median([c.record.cpu_median_s / c.record.steps for c in same])) for same in sizes.values()]
             out.append(Growth(*key, tuple(sizes), tuple(cost), tuple(same[0] for same in sizes.values())))

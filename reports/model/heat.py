@@ -126,11 +126,11 @@ def best_and_worst(boxes: Sequence[Box]) -> str:
     found = extremes(boxes)
     if len(found) < 2:
         return f"{found[0].words}." if found else "Every solver refused it."
-    return f"Best is {_said(found[0])}. Worst is {_said(found[1])}."
+    return f"Best is {_describe_box(found[0])}. Worst is {_describe_box(found[1])}."
 
 
 def boxes_of(variant: Variant, label: str) -> list[Box]:
-    """Of every solver under a label, else of those at hand, its finest settings."""
+    """Boxes of each solver's finest settings under a label, else under those there are."""
     own = plain_runs(variant, label)
     return [Box(min(runs, key=lambda c: c.finest_first)) for runs in by_solver(own).values()]
 
@@ -157,7 +157,7 @@ def _ran(runs: dict[tuple[str, str], Run], p: Variant, solvers: Sequence[str]) -
     return sum((p.slug, s) in runs for s in solvers)
 
 
-def _said(b: Box) -> str:
+def _describe_box(b: Box) -> str:
     why = b.run.reasons[0] if b.run.reasons else b.margin.words if b.margin else "no error is known"
     ending = "" if b.run.succeeded else f"{b.mark.word}, "
     return f"{b.run.record.solver} ({b.run.step_words}): {ending}{why}"

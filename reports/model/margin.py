@@ -22,7 +22,7 @@ class Margin:
 
     @property
     def part(self) -> float:
-        """Of the limit: 1 is at it; infinite for what has no size, such as another start."""
+        """Part of the limit: 1 is at it; infinite for what has no size, such as another start."""
         e = self.error
         return e.value / e.limit if e.limit > 0.0 and e.value >= 0.0 and e.law not in UNSIZED else math.inf
 
@@ -43,15 +43,15 @@ class Margin:
 
 
 def margin(run: Run) -> Margin | None:
-    """Of the error that is the largest part of its limit; None for a run without a step to measure."""
+    """Margin of the error that is the largest part of its limit; None for a run without a step to measure."""
     broken = reasons_of(run.record.wrong_because)
     laws = {e.law for e in broken}
-    found = [Margin(e) for e in (*broken, *_measured(run)) if e in broken or e.law not in laws]
+    found = [Margin(e) for e in (*broken, *_recompute_reasons(run)) if e in broken or e.law not in laws]
     return max(found, key=lambda m: m.part, default=None)
 
 
-def _measured(run: Run) -> list[Reason]:
-    """Of the laws that the columns tell. A run that was judged keeps those that are not in its reasons: one above the
+def _recompute_reasons(run: Run) -> list[Reason]:
+    """Reasons by the laws that columns hold. A judged run keeps those that are not in its reasons: one above the
     limit as reckoned here has a wider one (a mechanism beside others).
     """
     r, own = run.record, judged_own(run.record)

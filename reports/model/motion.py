@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...harness.results.series import Series
-from .curves import SPANS_UPPER, Curve, band, signed, upper
+from .curves import SPANS_UPPER, Curve, band, signed_curve, upper
 from .results import Run
 
 NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientation_error", "out_of_plane")
@@ -46,8 +46,8 @@ def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Moti
         run, bodies_in(series), {n: upper(t, series[n], t_end, spans) for n in NORMS if n in series},
         {n: upper(t, a, t_end, spans) for n, a in series.named("inv_").items()}, _steps(series, run, spans),
         upper(t, series["reference_own_error"], t_end, spans) if "reference_own_error" in series else None,
-        {n: signed(t, a, t_end, 3 * spans // 4) for n, a in observables.items()},
-        {n: signed(t, a, t_end, 3 * spans // 4) for n, a in exact.items() if np.any(np.isfinite(a))},
+        {n: signed_curve(t, a, t_end, 3 * spans // 4) for n, a in observables.items()},
+        {n: signed_curve(t, a, t_end, 3 * spans // 4) for n, a in exact.items() if np.any(np.isfinite(a))},
         {n: upper(t, a - exact[n], t_end, spans) for n, a in observables.items() if n in exact}, series.units,
         series.symbols, series.events,
     )  # fmt: skip

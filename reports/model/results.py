@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from ...harness.files import FileError
 from ...harness.results import store
-from ...harness.results.naming import named, text_of
+from ...harness.results.naming import format_name, text_of
 from ...harness.results.provenance import stamp_of
 from ...harness.results.provisional import latest_of_each
 from ...harness.results.records import RunRecord
@@ -25,7 +25,7 @@ K = TypeVar("K", bound=Hashable)
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
 
 
-def _unpacked(column: str) -> cached_property[Mapping[str, Any]]:
+def _unpack_column(column: str) -> cached_property[Mapping[str, Any]]:
     return cached_property(lambda run: json.loads(getattr(run.record, column)))
 
 
@@ -39,18 +39,18 @@ class Run:
     @cached_property
     def variant(self) -> str:
         """The problem with the parameters that differ from its defaults."""
-        return named(self.record.problem, self.parameters)
+        return format_name(self.record.problem, self.parameters)
 
     @cached_property
     def method(self) -> str:
         """The solver with its options, without the step or tolerance."""
-        return named(self.record.solver, self.options)
+        return format_name(self.record.solver, self.options)
 
-    parameters = _unpacked("problem_parameters")
-    options = _unpacked("solver_options")
-    counters = _unpacked("counters")
-    observable_errors = _unpacked("observable_errors")
-    invariant_drifts = _unpacked("invariant_drifts")
+    parameters = _unpack_column("problem_parameters")
+    options = _unpack_column("solver_options")
+    counters = _unpack_column("counters")
+    observable_errors = _unpack_column("observable_errors")
+    invariant_drifts = _unpack_column("invariant_drifts")
 
     @cached_property
     def notes(self) -> Sequence[str]:
@@ -81,7 +81,7 @@ class Run:
 
     @property
     def step_or_tolerance(self) -> float:
-        """What was asked for; smaller asks for more accuracy."""
+        """Step or tolerance asked for; smaller asks for more accuracy."""
         value = self.record.dt_s if self.record.control == "dt" else self.record.rtol
         return value if value == value else 0.0
 
@@ -129,7 +129,7 @@ class Variant:
 
     def labels(self) -> dict[str, tuple[Run, ...]]:
         """The runs by label of the suite, the largest group first."""
-        found = grouped(self.runs, lambda run: run.record.label)
+        found = group_by(self.runs, lambda run: run.record.label)
         return {k: tuple(v) for k, v in sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))}
 
 
@@ -147,7 +147,7 @@ class Results:
     @cached_property
     def variants(self) -> tuple[Variant, ...]:
         """In the order of the paper's sections, then by name."""
-        found = grouped(self.runs, lambda run: run.variant).items()
+        found = group_by(self.runs, lambda run: run.variant).items()
         ordered = sorted(found, key=lambda kv: (kv[1][0].record.section or "~", natural(kv[0])))
         taken: set[str] = set()
         return tuple(Variant(title, slug(title, taken), tuple(runs)) for title, runs in ordered)
@@ -201,7 +201,7 @@ def _series_fault(folder: Path, record: RunRecord) -> str:
     return ""
 
 
-def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+def group_by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
     """Items by key, keys in the order of their first items."""
     found: dict[K, list[T]] = {}
     for item in items:
@@ -211,7 +211,7 @@ def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
 
 def by_solver(runs: Iterable[Run]) -> dict[str, list[Run]]:
     """In the order of their first runs."""
-    return grouped(runs, lambda run: run.record.solver)
+    return group_by(runs, lambda run: run.record.solver)
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from .accuracy import drifts, measure_for
 from .results import Results, Run, Variant, by_solver
 from .variants import broadest, themselves
-from .words import cut, listed, mark
+from .words import cut, join_words, mark
 
 KINDS = {  # of marks, in words
     "good": "succeeded", "inaccurate": "inaccurate", "wrong": "wrong", "failed": "stopped", "refused": "refused"
@@ -46,11 +46,11 @@ class Score:
     @property
     def words(self) -> str:
         """``5 succeeded, 1 wrong``."""
-        return listed([f"{n} {name}" for name in KINDS.values() if (n := getattr(self, name))]) or "no run"
+        return join_words([f"{n} {name}" for name in KINDS.values() if (n := getattr(self, name))]) or "no run"
 
 
 def score(runs: Iterable[Run]) -> Score:
-    """Of any runs."""
+    """Score of any runs."""
     own = list(runs)
     kinds = Counter(mark(c.status).kind for c in own)
     energy = Counter(drifts(c) for c in own if c.succeeded)
@@ -104,4 +104,4 @@ def unpredictable(results: Results) -> str:
     variants = themselves(results, broadest(results))
     found = [(p, m.until) for p in variants if (m := measure_for(p.runs)) and m.until is not None]
     parts = [f"{p.title} to {until:.2g} of {max(c.record.t_end_s for c in p.runs):g} s" for p, until in found]
-    return f"Errors are judged while the motion is predictable: {listed(parts)}." if parts else ""
+    return f"Errors are judged while the motion is predictable: {join_words(parts)}." if parts else ""

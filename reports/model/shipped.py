@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .accuracy import Measure, measure_for
-from .results import Results, Run, Variant, grouped
+from .results import Results, Run, Variant, group_by
 
 SHIPPED, TUNED = "as shipped", "tuned"  # labels of their runs
 TARGET = 1e-3  # in the unit of the problem's error: what tuning aims at
@@ -41,7 +41,7 @@ class Contest:
 
 
 def contests(results: Results) -> list[Contest]:
-    """Of problems with runs of both labels."""
+    """Contests on problems with runs of both labels."""
     out = []
     for variant in results.variants:
         runs = [c for label in (SHIPPED, TUNED) for c in variant.labels().get(label, ())]
@@ -49,7 +49,7 @@ def contests(results: Results) -> list[Contest]:
         if measure is None or not variant.labels().get(SHIPPED):
             continue
         contest = Contest(variant, measure, ())
-        pairs = [_pair(contest, who, own) for who, own in grouped(runs, contestant).items()]
+        pairs = [_pair(contest, who, own) for who, own in group_by(runs, contestant).items()]
         order = sorted(pairs, key=lambda p: (_last(contest.error(p.shipped)), _last(contest.error(p.best)), p.who))
         out.append(Contest(variant, measure, tuple(order)))
     return out

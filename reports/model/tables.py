@@ -11,7 +11,7 @@ from ...harness.places import Place
 from ...harness.results.words import judged_error
 from .accuracy import energy_kind, measure_for
 from .results import Run, Variant, by_solver
-from .words import BELOW_CLOCK, NONE, clocked, mark, number, signed, time, whole
+from .words import BELOW_CLOCK, NONE, format_cpu_time, format_signed, mark, number, time, whole
 
 Value = float | str
 WRAPPED = {  # columns of words that may be long
@@ -52,13 +52,13 @@ def _of(name: str) -> Callable[[Run], Value]:
     return lambda c: getattr(c.record, name)
 
 
-def _judged(name: str, unit: str) -> Callable[[Run], Value]:
+def _error_column(name: str, unit: str) -> Callable[[Run], Value]:
     return lambda c: judged_error(c.record, name, unit)
 
 
 def _spread(c: Run) -> Value:
     r = c.record
-    return f"{clocked(r.cpu_min_s)} to {clocked(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
+    return f"{format_cpu_time(r.cpu_min_s)} to {format_cpu_time(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
 
 
 COLUMNS: Sequence[Column] = (
@@ -73,17 +73,17 @@ COLUMNS: Sequence[Column] = (
            "Largest energy error over all accepted steps; the work of dampers, loads, user forces and drives is "
            "subtracted.", _of("energy_drift_max_J"), latex=r"$\max|E-E_0|$ [J]"),
     Column("energy_drift_end", "E−E₀ at end", "J", "Energy error at the last step, with its sign.",
-           _of("energy_drift_end_J"), signed),
+           _of("energy_drift_end_J"), format_signed),
     Column("energy_trend", "Energy trend", "J/s", "Least-squares slope of the energy error over time.",
-           _of("energy_trend_W"), signed),
+           _of("energy_trend_W"), format_signed),
     Column("energy_kind", "Energy error", "", "Drifts if its mean shifts from the first to the last quarter of the "
            "run by over a third of its largest value, else bounded; this says nothing of its size.", energy_kind),
     Column("position_error", "Position error", "m", "Largest distance of a centre of mass from its exact position, up "
-           "to the time that errors are judged to.", _judged("position_error", "m"), latex="Error [m]"),
+           "to the time that errors are judged to.", _error_column("position_error", "m"), latex="Error [m]"),
     Column("orientation_error", "Orientation error", "rad", "Largest angle between a body and its exact orientation, "
-           "up to there.", _judged("orientation_error", "rad"), latex="Error [rad]"),
+           "up to there.", _error_column("orientation_error", "rad"), latex="Error [rad]"),
     Column("motion_error", "Motion error", "m", "Largest distance of a body from its exact pose, root mean square over "
-           "its matter: position and orientation in one number; up to there.", _judged("motion_error", "m")),
+           "its matter: position and orientation in one number; up to there.", _error_column("motion_error", "m")),
     Column("judged_to", "judged to", "s", "Errors are judged up to this time: beyond it the motion is chaotic and no "
            "solver can track it, so only energy and constraints count.", _of("judged_to_s"), time),
     Column("position_error_whole", "Position error to the end of the reference", "m",
@@ -124,7 +124,7 @@ COLUMNS: Sequence[Column] = (
     Column("jacobians", "Jacobians", "", "Evaluations of the Jacobian.", _of("jacobians"), whole),
     Column("factorisations", "Factorisations", "", "Matrix factorisations.", _of("factorisations"), whole),
     Column("cpu_median", "CPU", "s", "CPU time of the integration alone, median of the repeats.", _of("cpu_median_s"),
-           clocked, latex="CPU [s]"),
+           format_cpu_time, latex="CPU [s]"),
     Column("cpu_spread", "CPU spread", "s",
            "Least and largest of the repeated timings, and how many; a dash for a single one.", _spread),
     Column("setup", "Set-up", "s",
@@ -134,7 +134,7 @@ COLUMNS: Sequence[Column] = (
 )  # fmt: skip
 
 
-def printed(runs: Sequence[Run]) -> Sequence[Column]:
+def list_printed_columns(runs: Sequence[Run]) -> Sequence[Column]:
     """The columns of a table for a paper: one error, that of the pages."""
     measure = measure_for(runs)
     other = "position_error" if measure and measure.unit == "rad" else "orientation_error"
@@ -162,8 +162,8 @@ def csv_of(runs: Sequence[Run]) -> str:
 
 def rounded_csv_of(runs: Sequence[Run]) -> str:
     """The columns of the LaTeX table with the same digits."""
-    columns = printed(runs)
-    rows = [[c.record.solver, *(_rounded(k, c) for k in columns)] for own in by_solver(runs).values() for c in own]
+    columns = list_printed_columns(runs)
+    rows = [[c.record.solver, *(_round_cell(k, c) for k in columns)] for own in by_solver(runs).values() for c in own]
     return _csv([["solver", *map(_head, columns)], *rows])
 
 
@@ -182,7 +182,7 @@ def latex_of(title: str, runs: Sequence[Run]) -> str:
 
     A failure keeps its row and says how it ended.
     """
-    columns, measure = printed(runs), measure_for(runs)
+    columns, measure = list_printed_columns(runs), measure_for(runs)
     kinds = "".join(WRAPPED.get(c.key, "r") for c in columns)
     out = [" & ".join(c.latex for c in columns) + r" \\", r"\midrule"]
     for solver, own in by_solver(runs).items():
@@ -227,7 +227,7 @@ def _latex(column: Column, run: Run) -> str:
     return latex_text(value) if isinstance(value, str) else latex_number(value, column.show(value))
 
 
-def _rounded(column: Column, run: Run) -> str:
+def _round_cell(column: Column, run: Run) -> str:
     value, shown = column.of(run), column.text(run)
     if isinstance(value, str) or shown == NONE:
         return "" if shown == NONE else str(value)

@@ -3,7 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass
 
-from .results import Results, Run, Variant, grouped
+from .results import Results, Run, Variant, group_by
 from .words import plural
 
 HEADLINE = ("recommended", "default")  # labels of a suite's plain comparison
@@ -68,7 +68,7 @@ def variant_groups(results: Results, label: str) -> tuple[VariantGroup, ...]:
     """All others, by how they differ; the same problems at other times and sizes first."""
     here = {p.title for p in themselves(results, label)}
     others = [p for p in results.variants if p.title not in here]
-    apart = grouped(others, lambda p: presentation(p) or OTHER_PARAMETERS)
+    apart = group_by(others, lambda p: presentation(p) or OTHER_PARAMETERS)
     return tuple(VariantGroup(w, tuple(apart[w])) for w in (OTHER_PARAMETERS, *PRESENTED.values()) if w in apart)
 
 

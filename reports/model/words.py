@@ -55,7 +55,7 @@ def whole(value: float) -> str:
     return number(value) if not math.isfinite(value) else f"{round(value):,}".replace(",", "\u202f")
 
 
-def signed(value: float) -> str:
+def format_signed(value: float) -> str:
     """With its sign."""
     return f"+{number(value)}" if value > 0.0 else number(value)
 
@@ -65,7 +65,7 @@ def time(value: float) -> str:
     return f"{value:.6g}" if math.isfinite(value) else number(value)
 
 
-def clocked(value: float) -> str:
+def format_cpu_time(value: float) -> str:
     """A CPU time without its unit."""
     return BELOW_CLOCK if value == 0.0 else number(value)
 
@@ -73,7 +73,7 @@ def clocked(value: float) -> str:
 def seconds(value: float) -> str:
     """``20.9 ms``, ``1.45 s``."""
     if math.isnan(value) or value == 0.0:
-        return clocked(value)
+        return format_cpu_time(value)
     return f"{number(1e3 * value)} ms" if 0.0 < abs(value) < 0.1 else f"{number(value)} s"
 
 
@@ -93,7 +93,7 @@ def cut(text: str, most: int) -> str:
     return line if len(line) <= most else line[: most - 1] + "…"
 
 
-def listed(items: list[str], most: int = 6) -> str:
+def join_words(items: list[str], most: int = 6) -> str:
     """``a, b and c``; the rest counted."""
     if len(items) > most:
         items = [*items[: most - 1], f"{len(items) - most + 1} more"]

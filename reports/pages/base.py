@@ -5,7 +5,7 @@ A module of a folder in ``reports/pages/`` that has a function ::
     def write(run: Run, site: Site) -> Page | None
 
 is found and called once (``RANK`` of the module, 0 without one, puts it later). It computes from the results and their
-judgements (``judgement.judged``), then hands its page over; None when a run has nothing for it ::
+judgements (``judgement.read_judged``), then hands its page over; None when a run has nothing for it ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
@@ -46,7 +46,7 @@ from ..model.accuracy import energy_kind
 from ..model.frontier import Frontier, frontiers
 from ..model.glossary import term
 from ..model.provenance import cautions, facts, packages, stamp
-from ..model.results import Results, Run, Variant, grouped, slug
+from ..model.results import Results, Run, Variant, group_by, slug
 from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
 from ..plots.palette import Look, families, looks
@@ -167,7 +167,7 @@ class Site:
         environment = Environment(loader=FileSystemLoader(FOLDER / "templates"), autoescape=True,
                                   undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
         slugs = {p.title: p.slug for p in self.results.variants}
-        related = grouped(self.pages(), lambda p: p.about)
+        related = group_by(self.pages(), lambda p: p.about)
         environment.globals.update({k: f for k, f in vars(words).items() if isfunction(f)})
         environment.globals.update(
             results=self.results, looks=self.looks, url=self.url, exists=self._pending.__contains__,

@@ -25,7 +25,7 @@ class Judged(Generic[T]):
 
 def judged_or_published(results: Path, file: File[T], published: Place = PUBLISHED) -> Judged[T]:
     """The same; where these results have no judgement, or allow none, that of the published ones."""
-    own = judged(results, file)
+    own = read_judged(results, file)
     broken = own.found is None and (Place(results) / FOLDER / f"{file.name}.json").is_there()
     if own.found or broken:
         return own
@@ -34,7 +34,7 @@ def judged_or_published(results: Path, file: File[T], published: Place = PUBLISH
     return Judged(kept.found, published=why) if kept.found else own
 
 
-def judged(results: Path, file: File[T]) -> Judged[T]:
+def read_judged(results: Path, file: File[T]) -> Judged[T]:
     """``judgement/<name>.json`` of a results folder."""
     return read_or_why(Place(results) / FOLDER, file, f"{JUDGE} {results.name}")
 
@@ -71,7 +71,7 @@ class Links:
 
 
 def links_of(runs: Sequence[Run]) -> Links:
-    """Of the runs of these results."""
+    """Links to the runs of these results."""
     return Links({c.record.settings_id: c for c in runs})
 
 

@@ -68,10 +68,10 @@ def number_line(measured: float, low: float, high: float, unit: str, kind: str, 
         parts.append(_line("spread", scale(around[0]), scale(around[1]), y, y, title))
     if not math.isnan(measured):
         parts.append(_tag("path", f"dot {kind}", d=f"M{scale(measured):.1f} {y - 7.0:.1f}l6 7l-6 7l-6 -7z"))
-    return _drawing("numberline", 240, 44, said(measured, low, high, unit), parts)
+    return _drawing("numberline", 240, 44, describe_bar(measured, low, high, unit), parts)
 
 
-def said(measured: float, low: float, high: float, unit: str) -> str:
+def describe_bar(measured: float, low: float, high: float, unit: str) -> str:
     """The same in words, for those who do not see it."""
     unit = f" {unit}" if unit else ""
     ends = [number(v) if math.isfinite(v) else "" for v in (low, high)]
@@ -147,7 +147,7 @@ def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Se
            names: Sequence[tuple[str, np.ndarray]], words: str) -> Markup:  # fmt: skip
     """A mechanism on paper (x right, y up, any unit): bodies, joints, supports, arrows of unit length, names."""
     width, height, room = 420, 300, 46.0
-    at = _fitted(np.concatenate([lines.reshape(-1, 2), ground.reshape(-1, 2)]), width, height, room)
+    at = _fit_to_page(np.concatenate([lines.reshape(-1, 2), ground.reshape(-1, 2)]), width, height, room)
     parts = [_line("body", a[0], b[0], a[1], b[1]) for a, b in ((at(p), at(q)) for p, q in lines)]
     parts += [_tag("circle", "joint", cx=x, cy=y, r=3.0) for x, y in map(at, joints)]
     parts += [_tag("path", "support", d=f"M{x:.1f} {y:.1f}l-8 -13h16z") for x, y in map(at, ground)]
@@ -171,7 +171,7 @@ def snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, wo
     low, high = seen.min(axis=0), seen.max(axis=0)
     wide = 0.5 * float(np.max(high - low)) or 1.0
     own = np.clip(lines.reshape(-1, 2), low - wide, high + wide)  # what flies apart stays near
-    at = _fitted(np.concatenate([seen, own]), width, height, room)
+    at = _fit_to_page(np.concatenate([seen, own]), width, height, room)
 
     def path(kind: str, pairs: np.ndarray) -> Markup:
         ends = "".join(f"M{a:.0f} {b:.0f}L{c:.0f} {d:.0f}" for (a, b), (c, d) in at(pairs))
@@ -197,7 +197,7 @@ def ticks_on(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str
     return _drawing("follow", 400, 36, words, parts)
 
 
-def _fitted(seen: np.ndarray, width: float, height: float, room: float) -> Callable[[np.ndarray], np.ndarray]:
+def _fit_to_page(seen: np.ndarray, width: float, height: float, room: float) -> Callable[[np.ndarray], np.ndarray]:
     """From points on paper (y up) to pixels (y down): all of ``seen`` in the middle, as large as ``room`` allows."""
     low, high = seen.min(axis=0), seen.max(axis=0)
     scale = float(np.min((np.array([width, height]) - 2.0 * room) / np.maximum(high - low, 1e-9)))

@@ -30,18 +30,18 @@ JOINT_A = "which joint is A: the bottom left one is drawn"
 BENCHMARK = "the benchmark's curves: the certified exact motion is drawn"
 
 
-def _recommended(variant: str, *solvers: str, every: bool = False) -> Pick:
+def _pick_recommended(variant: str, *solvers: str, every: bool = False) -> Pick:
     return Pick(RECOMMENDED, variant, solvers, every)
 
 
 def _sketch(number: int, section: str, title: str, variant: str, view: str, height: float) -> PaperFigure:
     rows = ((Sketch("", view, width=12),),)
-    return PaperFigure(number, PRINTED, section, title, (_recommended(variant, GC),), rows, height=height)
+    return PaperFigure(number, PRINTED, section, title, (_pick_recommended(variant, GC),), rows, height=height)
 
 
 def _torque_free(number: int, solver: str, title: str, rows: tuple, height: float) -> tuple[PaperFigure, ...]:
     def figure(label: str, not_printed: tuple[str, ...]) -> PaperFigure:
-        picks = Pick(label, BODY, (solver,)), _recommended(BODY, GC, every=True)
+        picks = Pick(label, BODY, (solver,)), _pick_recommended(BODY, GC, every=True)
         return PaperFigure(number, label, "Sect. 5.1", title, picks, rows, not_printed, height)
 
     gains = () if solver == RK else (GAINS,)
@@ -59,7 +59,7 @@ def _torque_free_dae(number: int, solver: str, name: str) -> tuple[PaperFigure, 
 
 def _both(number: int, section: str, title: str, variant: str, rows: tuple, not_printed: tuple[str, ...],
           printed: tuple[str, ...] = (GC, RK, FI, SE), height: float = 1.75) -> tuple[PaperFigure, ...]:  # fmt: skip
-    every = _recommended(variant, GC, RK, FI, SE, INDEX3)
+    every = _pick_recommended(variant, GC, RK, FI, SE, INDEX3)
     return (
         PaperFigure(number, PRINTED, section, title, (Pick(PRINTED, variant, printed),), rows, not_printed, height),
         PaperFigure(number, RECOMMENDED, section, title, (every,), rows, height=height),
@@ -125,8 +125,8 @@ FIGURES: tuple[PaperFigure, ...] = (
         (_exact("nutation angle", "theta", r"\theta", "deg", 5.0),
          _exact("precession rate", "phi_dot", r"\dot\varphi", "rad/s", 5.0)),
         _step_energy((0.0, 5.0))), (GAINS, DIRECTION, STARTS, JACOBIANS, "when DAE-FI fails")),
-    PaperFigure(12, PRINTED, "Sect. 5.5", _GRID_TITLE, (Pick(PRINTED, GRID, (AL,)), _recommended(GRID, AL)),
+    PaperFigure(12, PRINTED, "Sect. 5.5", _GRID_TITLE, (Pick(PRINTED, GRID, (AL,)), _pick_recommended(GRID, AL)),
                 _GRID_ROWS, (PENALTIES, JOINT_A, BENCHMARK, INERTIA)),
-    PaperFigure(12, RECOMMENDED, "Sect. 5.5", _GRID_TITLE, (_recommended(GRID, AL, RK, FI, SE, INDEX3),),
+    PaperFigure(12, RECOMMENDED, "Sect. 5.5", _GRID_TITLE, (_pick_recommended(GRID, AL, RK, FI, SE, INDEX3),),
                 _GRID_ROWS, (JOINT_A, BENCHMARK, INERTIA)),
 )  # fmt: skip

@@ -24,7 +24,7 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
     """``spec`` with its runs; ``looks`` by solver."""
     plots = [[plot_of(p, lines) if isinstance(p, Panel) else p for p in row] for row in spec.rows]
     panels = [p for row in plots for p in row if isinstance(p, Plot)]
-    legend = Legend.of(_named(lines, panels) if panels else [], looks, wide=True)
+    legend = Legend.of(_list_legend(lines, panels) if panels else [], looks, wide=True)
     figure = sheet(DOUBLE if panels else SINGLE, spec.height * len(spec.rows) + legend.height + 0.1)
     places = figure.add_gridspec(len(spec.rows), COLUMNS)
     letter = 0
@@ -46,7 +46,7 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
     return figure
 
 
-def _named(lines: Sequence[Line], plots: Sequence[Plot]) -> list[Trace]:
+def _list_legend(lines: Sequence[Line], plots: Sequence[Plot]) -> list[Trace]:
     """What the legend names: every run asked for, a missing one without a line, and what belongs to no solver."""
     asked = [(k, k.chosen.asked.solver if k.chosen.run else "") for k in lines]
     runs = [Trace(k.words, NONE, NONE, solver, "lines" if solver else "markers", k.dash) for k, solver in asked]

@@ -9,9 +9,9 @@ from ...harness.results.records import RunRecord
 from ...harness.results.series import Series
 from ..model import curves
 from ..model.curves import Curve
-from ..model.results import grouped
+from ..model.results import group_by
 from ..model.words import number
-from ..plots.lines import all_lines, ended, shared_options
+from ..plots.lines import all_lines, describe_end, shared_options
 from ..plots.spec import Axis, Plot, Trace, end_of
 from .limits import is_rounding, limits_of
 from .picking import Chosen
@@ -37,7 +37,7 @@ class Line:
             return f"{words}: {MISSING}"
         if self.series is None and run.record.series:
             return f"{words}: its series cannot be read"
-        return f"{words}{ended(run)}"
+        return f"{words}{describe_end(run)}"
 
 
 def lines_of(chosen: Sequence[Chosen], series: Mapping[str, Series | None]) -> list[Line]:
@@ -48,18 +48,18 @@ def lines_of(chosen: Sequence[Chosen], series: Mapping[str, Series | None]) -> l
     return [Line(c, series.get(run), dash.get(run, 0)) for c, run in found]
 
 
-def shown(panel: Panel, lines: Sequence[Line]) -> list[Line]:
+def select_lines(panel: Panel, lines: Sequence[Line]) -> list[Line]:
     """Those that the panel asks for."""
     if not panel.tightest:
         return list(lines)
-    asked = grouped((k.chosen.asked for k in lines), lambda a: a.solver)
+    asked = group_by((k.chosen.asked for k in lines), lambda a: a.solver)
     least = {solver: min(a.control.rtol or 0.0 for a in own) for solver, own in asked.items()}
     return [k for k in lines if (k.chosen.asked.control.rtol or 0.0) == least[k.chosen.asked.solver]]
 
 
 def plot_of(panel: Panel, lines: Sequence[Line]) -> Plot:
     """All of it but its letter; the caption says what a line does not show by itself."""
-    found = [(k, curve(k, name, panel)) for k in shown(panel, lines) for name in panel.of]
+    found = [(k, curve(k, name, panel)) for k in select_lines(panel, lines) for name in panel.of]
     made = [(k, c) for k, c in found if c is not None and len(c)]
     drawn, exact, known = [c for _, c in made], exact_of(panel, lines), records_of(lines)
     units = {k.series.units.get(name, "") for k in lines if k.series is not None for name in panel.of}
@@ -93,14 +93,16 @@ def within(t: np.ndarray, a: np.ndarray, window: tuple[float, float], *, largest
     """Rows of the window, and one beyond each edge, as far as it goes; with ``largest`` the peaks of |a| alone."""
     first = max(int(np.searchsorted(t, window[0])) - 1, 0)
     last = int(np.searchsorted(t, window[1], side="right")) + 1
-    kind = curves.upper if largest else curves.signed
+    kind = curves.upper if largest else curves.signed_curve
     cut = kind(t[first:last] - window[0], a[first:last], window[1] - window[0])
     return Curve(cut.t + window[0], cut.y)
 
 
 def exact_of(panel: Panel, lines: Sequence[Line]) -> Curve | None:
     """The reference's series from the line that has it to the latest time."""
-    found = [k.series for k in shown(panel, lines) if panel.exact and k.series is not None and panel.exact in k.series]
+    found = [
+        k.series for k in select_lines(panel, lines) if panel.exact and k.series is not None and panel.exact in k.series
+    ]
     longest = max(found, key=lambda s: np.max(s["t"], where=np.isfinite(s[panel.exact]), initial=-np.inf), default=None)
     return None if longest is None else within(longest["t"], longest[panel.exact], panel.window)
 
@@ -120,5 +122,5 @@ def _remark(panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], r
 
 
 def records_of(lines: Sequence[Line]) -> list[RunRecord]:
-    """Of the lines that have a run."""
+    """Records of the lines that have a run."""
     return [k.chosen.run.record for k in lines if k.chosen.run]

@@ -19,7 +19,7 @@ SPANS = (
 
 
 def caption(figure: PaperFigure, lines: Sequence[Line], folder: Path, files: Sequence[str]) -> Caption:
-    """Of one figure; claims stand under the figure with the printed settings."""
+    """Caption of one figure; claims stand under the figure with the printed settings."""
     judged, published = judged_claims(folder)
     return Caption(
         number=figure.number, name=figure.name, label=figure.label, section=figure.section, title=figure.title,
@@ -40,7 +40,7 @@ def judged_claims(folder: Path) -> tuple[tuple[Claim, ...], bool]:
 
 
 def _claim(c: Claim) -> CaptionClaim:
-    tests = tuple((claim_words.measured(t), claim_words.band(t)) for t in c.tests)
+    tests = tuple((claim_words.format_measured(t), claim_words.band(t)) for t in c.tests)
     found = [(f.verdict, claim_words.share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
     return CaptionClaim(c.id, c.quote, c.claim, claim_words.missing(c), tests, *found)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ...harness.types import StepControl
-from ..model.results import Run, named
+from ..model.results import Run, format_name
 from .spec import Pick
 
 ROLES = {
@@ -58,14 +58,14 @@ class Chosen:
 def choose(picks: Iterable[Pick], specs: Iterable[Asked], runs: Iterable[Run]) -> list[Chosen]:
     """In the order of the picks; of two runs with the same settings the later one."""
     known = list(specs)
-    asked = [s for p in picks for s in selected(p, known)]
+    asked = [s for p in picks for s in select_runs(p, known)]
     found = {r.record.settings_id: r for r in sorted(runs, key=lambda r: r.record.finished)}
     return [Chosen(s, found.get(s.settings_id), _settings(s, asked)) for s in asked]
 
 
-def selected(pick: Pick, specs: Sequence[Asked]) -> list[Asked]:
+def select_runs(pick: Pick, specs: Sequence[Asked]) -> list[Asked]:
     """The runs of the suite that ``pick`` means, solver by solver."""
-    there = [s for s in specs if s.label == pick.label and named(s.problem, s.parameters) == pick.variant]
+    there = [s for s in specs if s.label == pick.label and format_name(s.problem, s.parameters) == pick.variant]
     out: list[Asked] = []
     for solver in pick.solvers:
         own = [s for s in there if s.solver == solver]

@@ -58,7 +58,7 @@ class PaperFigure:
 
     @property
     def name(self) -> str:
-        """Of its files."""
+        """Name of its files."""
         return f"fig{self.number:02d}" + ("" if self.label == PRINTED else f"-{self.label}")
 
     def panels(self) -> list[Panel | Sketch]:

@@ -62,9 +62,11 @@ def _leaves(value: Any, parts: bytearray) -> Any:
     """The value with its arrays put into ``parts``."""
     if isinstance(value, Steps):
         counts, undo = value.counted()
-        return _stored(counts, parts) | undo if undo or not value.values.size else _stored(value.values, parts)
+        return (
+            _store_array(counts, parts) | undo if undo or not value.values.size else _store_array(value.values, parts)
+        )
     if isinstance(value, np.ndarray):
-        return _stored(value, parts)
+        return _store_array(value, parts)
     if isinstance(value, Mapping):
         return {str(k): _leaves(v, parts) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -72,7 +74,7 @@ def _leaves(value: Any, parts: bytearray) -> Any:
     return value
 
 
-def _stored(array: np.ndarray, parts: bytearray) -> dict[str, Any]:
+def _store_array(array: np.ndarray, parts: bytearray) -> dict[str, Any]:
     """Floats as float32, counts as differences; low bytes before high ones, which deflates better."""
     if array.dtype.kind == "f":
         with np.errstate(over="ignore"):

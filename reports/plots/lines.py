@@ -29,7 +29,7 @@ class Line:
 
 
 def lines_of(variant: Variant, url: Callable[[Run], str], ever: int = EVER) -> list[Line]:
-    """Of every label the finest run of each solver, then wrong and failed ones, then the rest; ``ever`` at most."""
+    """Lines of every label: each solver's finest run, then wrong and failed runs, then others; ``ever`` at most."""
     chosen: list[Line] = []
     for runs in variant.labels().values():
         chosen += sorted(all_lines(runs, shared_options(variant.runs), url), key=_urgency)[:MOST]
@@ -40,12 +40,12 @@ def lines_of(variant: Variant, url: Callable[[Run], str], ever: int = EVER) -> l
 
 def all_lines(runs: Sequence[Run], alike: Mapping[str, frozenset[str]],
               url: Callable[[Run], str] = lambda run: "") -> list[Line]:  # fmt: skip
-    """Of each of ``runs``, all under one label; options in ``alike`` are left out of their words."""
+    """Lines of ``runs``, all under one label; options in ``alike`` are left out of their words."""
     found: dict[str, Line] = {}
     for solver, own in by_solver(runs).items():
         for k, c in enumerate(sorted(own, key=lambda c: c.finest_first)):
             named = f"{solver} [{label}]" if (label := c.record.paper_label) else solver
-            words = f"{named}, {c.settings(alike[solver])}{ended(c)}"
+            words = f"{named}, {c.settings(alike[solver])}{describe_end(c)}"
             found[c.record.run_id] = Line(c, words, k, k == 0, url(c), named)
     return [found[c.record.run_id] for c in runs]
 
@@ -111,7 +111,7 @@ def _urgency(line: Line) -> tuple[bool, bool, int]:
     return not line.main, line.run.succeeded, line.dash
 
 
-def ended(run: Run) -> str:
+def describe_end(run: Run) -> str:
     """For the name of its line; empty for a success."""
     word, r = run.status.replace("_", " "), run.record
     if run.succeeded:

@@ -26,7 +26,7 @@ CATALOGUE = Path(__file__).resolve().parents[2] / "solvers"
 
 @dataclass(frozen=True)
 class Look:
-    """Of a solver."""
+    """Look of a solver."""
 
     colour: str
     marker: str
@@ -34,7 +34,7 @@ class Look:
 
 
 @cache
-def shipped() -> dict[str, Look]:
+def shipped_looks() -> dict[str, Look]:
     """The catalogue's and its engines."""
     out: dict[str, Look] = {}
     names = {p.stem for p in CATALOGUE.glob("[!_]*.py")}
@@ -48,7 +48,7 @@ def shipped() -> dict[str, Look]:
 
 def looks(solvers: Iterable[str]) -> dict[str, Look]:
     """A look for every solver; those of plug-ins share a colour."""
-    return {name: shipped().get(name) or _other(name) for name in sorted(set(solvers))}
+    return {name: shipped_looks().get(name) or _other(name) for name in sorted(set(solvers))}
 
 
 def _other(name: str) -> Look:

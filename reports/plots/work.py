@@ -8,10 +8,10 @@ import numpy as np
 
 from ...harness.results.work import evaluations, index_1_evaluations, operations
 from ..model.accuracy import measure_for
-from ..model.focus import chosen
+from ..model.focus import choose_focus
 from ..model.frontier import SOUND
 from ..model.frontier import least as cheapest
-from ..model.results import Run, Variant, grouped
+from ..model.results import Run, Variant, group_by
 from ..model.words import decade, number, seconds
 from .palette import looks
 from .spec import Axis, Chapter, Plot, Trace, end_of
@@ -63,7 +63,7 @@ class Point:
         return all(math.isfinite(v) and v >= 0.0 for v in (self.errors[error], self.works[work]))
 
 
-def recorded(variant: Variant, page: Callable[[Run], str] = lambda run: "") -> list[Point]:
+def list_points(variant: Variant, page: Callable[[Run], str] = lambda run: "") -> list[Point]:
     """A point for each run, from its record: all but which settings are the best."""
     measure = measure_for(variant.runs)
     kind, unit, own = (measure.what, measure.unit, measure.own) if measure else ("error", "", math.nan)
@@ -90,7 +90,7 @@ def method_of(run: Run) -> str:
 
 def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
     """All runs of a problem; None when none has both work and an error."""
-    plots = work_plots("work", recorded(variant, url), PAIRS, front=True)
+    plots = work_plots("work", list_points(variant, url), PAIRS, front=True)
     return Chapter("Work against error", NOTE, tuple(plots.values())) if plots else None
 
 
@@ -131,7 +131,7 @@ class Race:
     def focus(self) -> tuple[str, ...]:
         """The cheapest and the dearest, the cheapest of every family."""
         order = [*(s for _, s in self.costs), *self.missed]
-        return chosen(order, lambda s: looks([s])[s].family)
+        return choose_focus(order, lambda s: looks([s])[s].family)
 
     def words(self, work: str, unit: str) -> str:
         """``rkmk_dopri5 needs 12.0 ms for 10⁻⁴ m, ida_index3 96 times as much; 2 of 19 do not get there``."""
@@ -152,7 +152,7 @@ def race(points: Sequence[Point], work: str, error: str) -> Race:
     middle = least[(len(least) - 1) // 2]
     target = 10.0 ** max(math.ceil(math.log10(middle)), -15) if 0.0 < middle < math.inf else 1e-15
     best: dict[str, float] = {}
-    for own in grouped((p for p in sound if p.works[work] > 0.0), lambda p: (p.solver, p.method)).values():
+    for own in group_by((p for p in sound if p.works[work] > 0.0), lambda p: (p.solver, p.method)).values():
         ladder = [(p.errors[error], p.works[work]) for p in sorted(own, key=lambda p: -p.size)]
         if found := cheapest(ladder, target):
             best[own[0].solver] = min(found[0], best.get(own[0].solver, math.inf))
@@ -195,7 +195,7 @@ def _reference_region(points: Sequence[Point], work: str) -> list[Trace]:
 
 def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> list[Trace]:
     """Runs of one method at several steps, coarsest first; those that stopped early apart from the line."""
-    methods = grouped(sorted(points, key=lambda p: (p.method, -p.size)), lambda p: p.method)
+    methods = group_by(sorted(points, key=lambda p: (p.method, -p.size)), lambda p: p.method)
     out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()
     ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))  # the main ones are solid
     for method, own in ordered:
@@ -281,16 +281,16 @@ def profile_plot(found: Sequence[Profile], work: str) -> Plot:
     for p in own:
         name = f"{p.solver}, {'best of its settings' if p.tuned else 'default settings'}: {len(p.at)} of {p.total}"
         traces.append(Trace(name, *steps_of(p, right), solver=p.solver, dash=0 if p.tuned else 2))
-    words, unit = named(work)
+    words, unit = describe_work(work)
     best = sorted((p for p in own if p.tuned), key=lambda p: (-len(p.at), p.solver))
     finding = f"{best[0].solver} reaches {len(best[0].at)} of {best[0].total} targets" if best else ""
-    focus = chosen([p.solver for p in best], lambda s: looks([s])[s].family)
+    focus = choose_focus([p.solver for p in best], lambda s: looks([s])[s].family)
     return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=right),
                 Axis("share of all targets reached", "", low=0.0, high=1.02), tuple(traces), wide=True, focus=focus,
                 finding=finding)  # fmt: skip
 
 
-def named(work: str) -> tuple[str, str]:
+def describe_work(work: str) -> tuple[str, str]:
     """A kind of work in words, and its unit."""
     for key, (words, unit) in WORKS.items():
         if work in (key, f"{key}_{unit}", words):

@@ -38,7 +38,7 @@ class Drake(Adapter):
 
     @property
     def order(self) -> float:
-        """Of its steps."""
+        """Observed order of its fixed steps."""
         return 1.0 if self.settings == "default" else INTEGRATORS[self.integrator]
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:

@@ -115,7 +115,7 @@ class Model:
         return rows[1 : steps + 1]
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Of rows of ``advance``."""
+        """States from rows of ``advance``."""
         by_body = rows.reshape(len(rows), len(self.bodies), -1)
         r, R, v, Omega = np.split(by_body, np.cumsum(list(OUTPUTS.values()))[:-1], axis=2)
         return States(r, R.reshape(*R.shape[:2], 3, 3), v, Omega)
@@ -152,7 +152,7 @@ class Model:
         return EngineModel(T, mass_matrix, rest_forces, kinetic, None, bias, forces, G, idle)
 
     def notes(self) -> tuple[str, ...]:
-        """What was modelled how."""
+        """Notes on how joints and forces were modelled."""
         dropped = np.flatnonzero(~self._rows)
         return (
             f"{int(np.sum(self._rows))} of {self._problem.system.nrows} constraint rows",

@@ -116,7 +116,7 @@ class Model:
         return rows[0]
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Of rows of ``advance``."""
+        """States from rows of ``advance``."""
         nq = self.model.nq
         return self.tree.states(rows[:, 1 : 1 + nq], rows[:, 1 + nq : 1 + nq + self.model.nv])
 
@@ -145,7 +145,7 @@ class Model:
         return EngineModel(T, mass_matrix, still.qfrc_smooth, kinetic, potential, bias, d.qfrc_smooth, G)
 
     def notes(self) -> tuple[str, ...]:
-        """What was modelled how."""
+        """Notes on how joints and forces were modelled."""
         cuts = len(self.tree.cuts)
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities"
         held = f"{limbs}; {cuts} points of cut joints held by soft constraints" if cuts else limbs

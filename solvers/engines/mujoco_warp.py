@@ -38,5 +38,5 @@ class MuJoCoWarp(Adapter):
 
     @property
     def order(self) -> float:
-        """Of its steps, while single precision does not show."""
+        """Order of its steps, as long as single precision does not show."""
         return INTEGRATORS[self.integrator if self.settings == "ours" else "Euler"]

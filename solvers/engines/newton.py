@@ -49,7 +49,7 @@ class Newton(Stepped):
 
     @property
     def order(self) -> float:
-        """Of its steps, while single precision does not show."""
+        """Order of its steps, as long as single precision does not show."""
         return 4.0 if (self.solver, self.integrator, self.settings) == ("MuJoCo", "rk4", "ours") else 1.0
 
     @property

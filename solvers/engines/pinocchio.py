@@ -48,7 +48,7 @@ class Pinocchio(Clocked):
 
     @property
     def order(self) -> float:
-        """Of the loop."""
+        """Order of the time loop."""
         return INTEGRATORS[self.integrator]
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
@@ -104,7 +104,7 @@ class Model:
         return rows
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Of rows of ``advance``."""
+        """States from rows of ``advance``."""
         nq = self.model.nq
         return self.tree.states(self._ours(rows[:, :nq]), rows[:, nq:])
 
@@ -125,7 +125,7 @@ class Model:
         return EngineModel(T, mass_matrix, rest_forces, kinetic, potential, bias, forces, G)
 
     def notes(self) -> tuple[str, ...]:
-        """What was modelled how."""
+        """Notes on how joints and forces were modelled."""
         cuts = f"; {len(self.cuts)} points of cut joints held rigidly" if len(self.cuts) else ""
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities{cuts}"
         return limbs, f"own loop {self._options.integrator} in Python, its overhead counted", made_by("pin")

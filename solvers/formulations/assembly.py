@@ -38,12 +38,12 @@ class Assembly:
         self._y = np.concatenate((np.zeros(layout.n), layout.constants))
         self._w = np.zeros(layout.n_u + 6)
         self.y, self.t, self.w = self._y[: layout.n], self._y[-1:], self._w[: layout.n_u]  # what the programs read
-        self._codes = [_compiled(b.element, derivative=differentiable) for b in self._batches]
+        self._codes = [_compile_element(b.element, derivative=differentiable) for b in self._batches]
         sparsities = [code.sparsity for code in self._codes if differentiable]
         self.row, self.column, self.of_w = _entries(self._batches[: len(sparsities)], sparsities)
         self.column[self.column >= np.where(self.of_w, layout.n_u, layout.n)] = -1  # constants
         self.out = np.zeros(n_out + 1)  # the outputs after ``evaluate``, and a spare one
-        self.evaluate = self._program("values", self.out, _joined([b.out for b in self._batches]))
+        self.evaluate = self._program("values", self.out, _concatenate([b.out for b in self._batches]))
 
     def values(
         self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
@@ -92,7 +92,7 @@ class _Compiled(NamedTuple):
 
 
 @lru_cache(ELEMENTS)
-def _compiled(e: Element, *, derivative: bool) -> _Compiled:
+def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
     out = ca.vertcat(*e.outputs.values())
     loops = {"values": Loop(rows=[e.parameters], gathered=[e.z, e.w], added=[out])}
     sizes, sparsity = {"values": out.numel()}, out.sparsity()
@@ -114,8 +114,8 @@ def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tup
         rows.append(b.out[:, r])
         columns.append(np.where(of, b.w[:, np.maximum(c - n_z, 0)], b.z[:, np.minimum(c, n_z - 1)]))
         of_w.append(of)
-    return _joined(rows), _joined(columns), _joined(of_w).astype(bool)
+    return _concatenate(rows), _concatenate(columns), _concatenate(of_w).astype(bool)
 
 
-def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
+def _concatenate(arrays: Sequence[np.ndarray]) -> np.ndarray:
     return np.concatenate([np.ascontiguousarray(a).ravel() for a in arrays]) if arrays else np.zeros(0, dtype=np.int64)

@@ -52,7 +52,7 @@ class Layout:
 
     @property
     def constants(self) -> Float[np.ndarray, " c"]:
-        """What stands behind y: the ground's p and u, a zero, and the time, which changes."""
+        """Numbers after y: the ground's p and u, a zero, and the time, which changes."""
         return np.concatenate((self.chart.at_rest, np.zeros(8)))
 
     @property

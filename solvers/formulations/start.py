@@ -89,7 +89,9 @@ def consistent(
     return y, y_dot
 
 
-def unloaded(layout: Layout, y: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def start_unloaded(
+    layout: Layout, y: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """(y, y') with lam = 0: the bodies start in free fall and the constraint row is violated."""
     accelerations = Accelerations(Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64)))
     y_short = y[: layout.n - layout.k]

@@ -102,7 +102,7 @@ class Ida:
 
     @property
     def messages(self) -> str:
-        """What SUNDIALS said."""
+        """Messages of SUNDIALS."""
         return " ".join(self._said)
 
     def stop_at(self, t: float) -> None:

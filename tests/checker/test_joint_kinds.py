@@ -43,7 +43,7 @@ def compare(system, numbers=None):
         phi, rate = motion.constraint(system, one)[0], motion.constraint_rate(system, one)[0]
         for key, expected in (
             ("phi", np.linalg.norm(phi)), ("phi_dot", np.linalg.norm(rate)),
-            ("gap", np.linalg.norm(motion.opened(system, one)[0] * metres)),
+            ("gap", np.linalg.norm(motion.measure_gaps(system, one)[0] * metres)),
             ("gap_rate", np.linalg.norm(rate * metres)),
             ("E", motion.kinetic_energy(system, one)[0] + motion.potential_energy(system, one)[0]),
         ):  # fmt: skip

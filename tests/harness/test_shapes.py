@@ -10,7 +10,7 @@ import pytest
 from msgspec import Meta, field
 
 from mbsbench.harness.files import FileError, parse_json, to_json, write_text
-from mbsbench.harness.shapes import Finite, Positive, Shape, Text, shaped
+from mbsbench.harness.shapes import Finite, Positive, Shape, Text, convert_shape
 
 
 class Colour(StrEnum):
@@ -57,7 +57,7 @@ MISFITS = {
 def test_a_misfit_is_one_line_with_its_place(text):
     """Lists count from 1, entries of tables go by their names."""
     with pytest.raises(FileError) as error:
-        shaped(parse_json(text, "f"), Whole, "f")
+        convert_shape(parse_json(text, "f"), Whole, "f")
     assert str(error.value) == MISFITS[text]
 
 
@@ -66,7 +66,7 @@ def test_numbers_that_are_none_are_refused(value):
     """NaN fits no bound, and no float holds ten to the 400."""
     for key in ("size", "place", "count"):
         with pytest.raises(FileError, match=f"f: {key} ") as error:
-            shaped({"name": "a", key: value}, Part, "f")
+            convert_shape({"name": "a", key: value}, Part, "f")
         assert len(str(error.value)) < 120
 
 

@@ -9,7 +9,7 @@ import pytest
 from mbsbench import Problem, Reference, constraint_jacobian
 from mbsbench.harness.catalogue.registry import make_problem, problems
 from mbsbench.harness.mechanics import motion, so3
-from mbsbench.harness.mechanics.state import States, rotated
+from mbsbench.harness.mechanics.state import States, rotate_states
 
 TURN = {"yaw": 0.7, "rotation": (0.3, -0.2, 0.5)}
 CASES = [(name, given) for name in problems() for given in ({}, TURN, {"perturb": 1e-3, "seed": 2})]
@@ -96,7 +96,7 @@ def test_the_reference_obeys_newton_and_euler(presented: Problem, known: Referen
         force = system.mass[:, None] * v_dot[k]
         momentum = np.einsum("bij,bj->bi", system.inertia, here.Omega)
         torque = np.einsum("bij,bj->bi", system.inertia, W_dot[k]) + np.cross(here.Omega, momentum)
-        wrench = (np.concatenate((force, torque), axis=1) - motion.applied(system, States.one(here))[0]).ravel()
+        wrench = (np.concatenate((force, torque), axis=1) - motion.applied_loads(system, States.one(here))[0]).ravel()
         A = constraint_jacobian(system, here).toarray()
         reaction = np.linalg.lstsq(A.T, wrench, rcond=1e-10)[0]
         assert np.max(np.abs(A.T @ reaction - wrench)) < 1e-8 * (1.0 + np.max(np.abs(wrench)))
@@ -134,7 +134,7 @@ def test_observables_do_not_depend_on_the_frame(presented: Problem) -> None:
         presented.name, {**presented.parameters, "rotation": so3.log(Q @ presented.frame), "yaw": 0.0}
     )
     for name, value in presented.observe(s).items():
-        there = turned.observe(rotated(s, Q))[name]
+        there = turned.observe(rotate_states(s, Q))[name]
         assert value.shape == (1,)
         assert np.allclose(there, value, rtol=1e-12, atol=1e-12, equal_nan=True), name
 
@@ -147,7 +147,7 @@ def test_the_reference_turns_with_the_problem(name: str) -> None:
     assert ours is not None
     assert theirs is not None
     t = np.linspace(0.0, 1.0, 11)
-    expected, got = rotated(ours.states(t), there.frame), theirs.states(t)
+    expected, got = rotate_states(ours.states(t), there.frame), theirs.states(t)
     assert np.max(np.abs(got.r - expected.r)) < np.max(ours.error(t) + theirs.error(t)) + 1e-13
     assert np.max(np.abs(got.R - expected.R)) < 1e-10
 

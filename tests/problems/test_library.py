@@ -10,7 +10,7 @@ from mbsbench import Problem, States, Status, StepControl, constraint
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, time_functions, work
 from mbsbench.harness.mechanics.jacobian import singular_values
-from mbsbench.harness.reference.computed import computed
+from mbsbench.harness.reference.computed import compute_reference
 from mbsbench.problems import n_four_bar
 
 
@@ -59,7 +59,7 @@ def test_the_four_bar_windows_are_the_published_ones(
 def test_the_hinges_of_bricard_should_lock_it() -> None:
     """30 rows for 30 velocities, of rank 29 along the motion: one freedom that no count of rows finds."""
     p = make_problem("bricard", {"t_end": 0.2})
-    motion = computed(p)
+    motion = compute_reference(p)
     for t in (0.0, 0.1, 0.2):
         sizes = singular_values(p.system, motion.states(np.array([t]))[0])
         assert len(sizes) == 30

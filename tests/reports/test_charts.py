@@ -105,7 +105,7 @@ def test_families_are_told_apart_with_any_sight(sight):
 
 def test_looks_follow_from_the_name_whoever_takes_part():
     """A colour is a family, a marker a solver of it; every shipped solver has a family."""
-    shipped = palette.shipped()
+    shipped = palette.shipped_looks()
     together = palette.looks(CATALOGUE)
     assert all(palette.looks([name])[name] == together[name] == shipped[name] for name in CATALOGUE)
     assert palette.PLUGINS not in {look.family for look in shipped.values()}
@@ -247,12 +247,12 @@ def test_peaks_survive_decimation():
     a = 1e-6 * np.sin(900.0 * t)
     a[31_415] = -7.0
     assert curves.upper(t, a, 1.0).y.max() == 7.0
-    assert curves.signed(t, a, 1.0).y.min() == -7.0
+    assert curves.signed_curve(t, a, 1.0).y.min() == -7.0
     assert len(curves.upper(t, a, 1.0)) <= curves.SPANS_UPPER
-    assert len(curves.signed(t, a, 1.0)) <= 2 * curves.SPANS_SIGNED + 2
+    assert len(curves.signed_curve(t, a, 1.0)) <= 2 * curves.SPANS_SIGNED + 2
 
 
-@pytest.mark.parametrize("kind", [curves.upper, curves.signed, curves.band])
+@pytest.mark.parametrize("kind", [curves.upper, curves.signed_curve, curves.band])
 def test_decimation_takes_anything(kind):
     """Empty, one point, all NaN, a motion that blew up."""
     for t, a in (([], []), ([0.0], [1.0]), ([0.0, 1.0], [np.nan, np.nan]), ([0.0, 1.0, 2.0], [0.0, np.inf, 1e300])):

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.reports import site
-from mbsbench.reports.model.followed import followed
+from mbsbench.reports.model.followed import list_followed
 from mbsbench.reports.model.frontier import engines_first, frontiers, of_most_problems
 from mbsbench.reports.model.results import Run, Variant, read_results
 from mbsbench.reports.model.scores import finest, score, standings, unpredictable
@@ -119,7 +119,7 @@ def test_bars_end_where_the_error_passes_or_the_reference_ends():
         Run(record("b1", "beta", **asked, **until(3.0, 3.0, 2.0))),
         Run(record("c1", "gamma")), Run(record("d1", "delta", "diverged", **stopped)),
     ]  # fmt: skip
-    beta, alpha, delta = followed(Variant("p", "p", tuple(runs)))
+    beta, alpha, delta = list_followed(Variant("p", "p", tuple(runs)))
     assert [f.run.record.run_id for f in (beta, alpha, delta)] == ["b1", "a1", "d1"]
     assert alpha.known == 4.0 and alpha.shades == (("tenth", 12.5), ("one", 12.5), ("ten", 25.0)) and not alpha.open
     assert beta.shades == (("tenth", 50.0), ("one", 25.0), ("ten", 0.0)) and beta.open and not delta.open
@@ -151,7 +151,7 @@ def test_cost_and_followed_time_are_those_of_the_runs(tmp_path):
     ladder(tmp_path, "alpha", 4.0, 2e-3, accurate_until_s=1.5, accurate_until_1pct_s=1.0, accurate_until_0p1pct_s=0.5)
     ladder(tmp_path, "beta", 4.0, 1e-3)
     results = read_results(tmp_path)
-    follow = [f for v in results.variants for f in followed(v)]
+    follow = [f for v in results.variants for f in list_followed(v)]
     card = card_of("alpha", (), (), follow, of_most_problems(frontiers(results)))
     assert facts(card)["cost"].startswith("×2.0 the cheapest at ")
     assert facts(card)["followed"] == "0 of 1 motion to the end of the reference; least pendulum, 1.5 of 2 s"

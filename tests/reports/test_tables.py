@@ -10,9 +10,9 @@ from mbsbench.reports.model.accuracy import measure_for
 from mbsbench.reports.model.provenance import cautions
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.model.tables import COLUMNS, csv_of, latex_number, latex_of, latex_text
-from mbsbench.reports.model.words import number, seconds, signed, unit, whole
+from mbsbench.reports.model.words import format_signed, number, seconds, unit, whole
 from mbsbench.reports.pages.runs.problems import facts_of
-from mbsbench.reports.plots.work import recorded
+from mbsbench.reports.plots.work import list_points
 
 from .conftest import HOSTILE, put, record, series
 
@@ -47,7 +47,7 @@ def test_numbers_are_written_for_readers():
         "0", "1.00", "0.00123", "1.23×10⁻⁵", "−4.50×10⁷", "–", "∞",
     ]  # fmt: skip
     assert number(9.999) == "10.0"
-    assert signed(0.5) == "+0.500" and whole(1234567.0) == "1\u202f234\u202f567"
+    assert format_signed(0.5) == "+0.500" and whole(1234567.0) == "1\u202f234\u202f567"
     assert seconds(0.0123) == "12.3 ms" and unit("kg m2/s") == "kg m²/s"
 
 
@@ -69,7 +69,7 @@ def test_pages_tables_and_plots_have_one_error_over_one_interval(tmp_path):
     assert measure is not None and measure.until == 0.5
     (row, _) = csv.DictReader(io.StringIO(csv_of(variant.runs)))
     assert (float(row["position_error [m]"]), float(row["position_error_whole [m]"])) == (1e-3, 0.4)
-    assert measure.of(variant.runs[0]) == recorded(variant)[0].errors["error"] == 1e-3
+    assert measure.of(variant.runs[0]) == list_points(variant)[0].errors["error"] == 1e-3
     latex = latex_of(variant.title, variant.runs)
     assert "errors up to 0.5 s" in latex and "$0.00100$" in latex and "$0.400$" not in latex
 

@@ -32,7 +32,7 @@ __all__ = [
 
 
 class JointKind(StrEnum):
-    """What a joint leaves free."""
+    """Freedom that a joint leaves."""
 
     SPHERICAL = "spherical"  # all rotation
     UNIVERSAL = "universal"  # rotation about axis_i and axis_j, which stay normal to each other
@@ -155,7 +155,7 @@ def directions(k: int, joint: Joint) -> dict[str, Any]:
     return out
 
 
-def chosen(k: int, joint: Joint) -> list[Joint]:
+def select_rows(k: int, joint: Joint) -> list[Joint]:
     """The joint, or one of a single row for each of its ``rows``: rows of points along the axes of j."""
     if joint.rows is None:
         return [joint]

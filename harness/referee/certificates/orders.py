@@ -50,7 +50,7 @@ def _length(r: RunRecord) -> float:
     return r.length_scale_m if r.length_scale_m > 0.0 else 1.0
 
 
-def _own(r: RunRecord) -> float:
+def _reference_limit(r: RunRecord) -> float:
     return OWN * r.reference_own_error_m
 
 
@@ -68,12 +68,12 @@ WORST: tuple[OrderVerdict, ...] = (  # of two quantities the one that comes firs
     "exact",
 )  # fmt: skip
 QUANTITIES = (
-    Quantity("position", "r", "m", "position_error_max_m", _length, _own, 0.3),
+    Quantity("position", "r", "m", "position_error_max_m", _length, _reference_limit, 0.3),
     Quantity("orientation", "R", "rad", "orientation_error_max_rad", lambda r: 1.0,
-             lambda r: _own(r) / _length(r), 0.6),
-    Quantity("velocity", "v", "m/s", "velocity_error_max_m_per_s", _speed, lambda r: _own(r) * _rate(r)),
+             lambda r: _reference_limit(r) / _length(r), 0.6),
+    Quantity("velocity", "v", "m/s", "velocity_error_max_m_per_s", _speed, lambda r: _reference_limit(r) * _rate(r)),
     Quantity("angular velocity", "Omega", "rad/s", "angular_velocity_error_max_rad_per_s", _rate,
-             lambda r: _own(r) / _length(r) * _rate(r)),
+             lambda r: _reference_limit(r) / _length(r) * _rate(r)),
     Quantity("energy", "E", "J", "energy_drift_max_J", lambda r: r.energy_scale_J),
     Quantity("|phi|", "|phi|", "m", "phi_max", _length),
     Quantity("|phi_dot|", "|phi_dot|", "m/s", "phi_dot_max", _speed),

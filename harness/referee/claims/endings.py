@@ -20,7 +20,7 @@ HOPELESS = 10  # budgets of steps that the rest of the time would take at that p
 
 
 def ending(record: RunRecord, series: Series | None = None) -> Ending:
-    """Of one run; the series is asked for where ``by_budget``."""
+    """How one run ended; the series is needed where ``by_budget``."""
     if by_machine(record):
         return Ending.MACHINE
     if by_budget(record):

@@ -96,7 +96,7 @@ def is_printed(p: Place, printed: Iterable[Mapping[str, Any]]) -> bool:
     """
     for one in printed:
         named = [k for k, v in one.items() if v == AS_PRINTED]
-        given = all(_allowed(p.dimensions.get(k), v) for k, v in one.items() if k not in named)
+        given = all(_is_allowed(p.dimensions.get(k), v) for k, v in one.items() if k not in named)
         runs = _printed_runs(p.spec.problem, p.spec.solver) if named else (p,)
         if given and any(all(same(p.dimensions.get(k), q.dimensions.get(k)) for k in named) for q in runs):
             return True
@@ -135,11 +135,11 @@ def _frame(parameters: Mapping[str, Any]) -> str:
 
 
 def _matches(p: Place, selection: Mapping[str, Any]) -> bool:
-    named = all(wanted == ANY or _allowed(p.dimensions.get(name), wanted) for name, wanted in selection.items())
+    named = all(wanted == ANY or _is_allowed(p.dimensions.get(name), wanted) for name, wanted in selection.items())
     return named and p.dimensions.keys() <= selection.keys() | p.usual
 
 
-def _allowed(value: Any, wanted: Any) -> bool:
+def _is_allowed(value: Any, wanted: Any) -> bool:
     if isinstance(wanted, dict):
         low, high = sorted((wanted["from"], wanted["to"]))
         return isinstance(value, int | float) and bool(low <= value <= high)

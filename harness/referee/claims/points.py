@@ -89,7 +89,7 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     stopped = any(MEASURES[t.metric].of_stopped for t in claim.tests)
     rest = Ending.EARLY if early else Ending.ENDED if stopped else Ending.UNCOMPARED
     why = next((how for how in Ending if how in endings), rest) if holds is None else Ending.FINAL
-    series = [numbers.records[p.spec.settings_id].series_sha256 for p in (*ordered, *_sorted(beside))]
+    series = [numbers.records[p.spec.settings_id].series_sha256 for p in (*ordered, *_sort_places(beside))]
     failed = not all(Status(numbers.records[p.spec.settings_id].status).lawful for p in ordered)
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless), (),
                  tuple(series) if all(series) else (), failed)  # fmt: skip
@@ -98,7 +98,7 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
 def _nearest(
     claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequence[Place]], numbers: Numbers
 ) -> Point:
-    """Of the values along ``across`` one that meets all tests, else the one that comes nearest."""
+    """Find a value along ``across`` that meets all tests, else the one that comes nearest."""
     each = [_point(claim, [p], partners, numbers) for p in ordered]
 
     def near(p: Point) -> tuple[float, int, float]:
@@ -139,7 +139,7 @@ def _ends_early(claim: Claim, test: Test, value: float, runs: Sequence[Place], n
     return not all(gets_to(test, numbers.records[p.spec.settings_id]) for p in runs)
 
 
-def _sorted(places: Iterable[Place]) -> list[Place]:
+def _sort_places(places: Iterable[Place]) -> list[Place]:
     return sorted(places, key=lambda p: p.spec.settings_id)
 
 

@@ -13,7 +13,7 @@ from msgspec import Meta, field
 
 from ...catalogue.options import nearest
 from ...files import FileError, parse_toml, read_text
-from ...shapes import LARGEST, Shape, Text, shaped
+from ...shapes import LARGEST, Shape, Text, convert_shape
 from .evidence import MEASURES
 from .predicates import COMBINE, COMPARE, NEAREST, Band
 
@@ -115,7 +115,7 @@ def read_register(path: Path = REGISTER) -> Register:
 
 def parse_register(text: str, where: str = "claims") -> Register:
     """The register in ``text``; ``where`` names it in messages."""
-    file = shaped(parse_toml(text, where), _File, where)
+    file = convert_shape(parse_toml(text, where), _File, where)
     maps: dict[str, Map] = {}
     for name, row in file.maps.items():
         maps[name] = _map(name, row, maps, f"{where}: maps.{name}")
@@ -133,8 +133,8 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
     tests = row.get("tests", [])
     if isinstance(tests, list):
         tests = [_test(t, f"{at}: test {k + 1}") if isinstance(t, dict) else t for k, t in enumerate(tests)]
-    named = {k: _named(row[k], maps, f"{at}: {k}") for k in ("map", "against") if k in row}
-    claim = shaped({**row, "tests": tests, **named}, Claim, at)
+    named = {k: _find_map(row[k], maps, f"{at}: {k}") for k in ("map", "against") if k in row}
+    claim = convert_shape({**row, "tests": tests, **named}, Claim, at)
     for k, need in enumerate(claim.needs):
         if sum(map(bool, (need.solver, need.observable, need.given))) != 1:
             raise FileError(f"{at}: needs {k + 1}: give one of solver, observable, given, and why")
@@ -162,7 +162,7 @@ def _test(row: dict[str, Any], at: str) -> Test:
     takes, wants = (MEASURES[metric].takes, MEASURES[metric].wants) if metric else ((), ())
     arguments = {k: v for k, v in row.items() if k in takes}
     rest = {k: v for k, v in row.items() if k not in takes}
-    test = shaped({**rest, "arguments": arguments}, Test, at)
+    test = convert_shape({**rest, "arguments": arguments}, Test, at)
     if absent := [k for k in wants if k not in row]:
         raise FileError(f"{at}: metric {metric} needs {absent[0]}")
     if math.isinf(test.at_least) and math.isinf(test.at_most):
@@ -177,12 +177,12 @@ def _map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Ma
     if isinstance(over, list):
         over = [s for k, given in enumerate(over) for s in _selections(given, maps, f"{at}: selection {k + 1}")]
     printed = [_one_a_key(p) for p in ([printed] if isinstance(printed, dict) else printed)]
-    found = shaped({**row, "name": name, "over": over, "printed": printed}, Map, at)
+    found = convert_shape({**row, "name": name, "over": over, "printed": printed}, Map, at)
     for k, selection in enumerate(found.over):
-        shaped(selection, Selection, f"{at}: selection {k + 1}")
+        convert_shape(selection, Selection, f"{at}: selection {k + 1}")
         for name, value in selection.items():
             if isinstance(value, dict):
-                shaped(value, Range, f"{at}: selection {k + 1}: {name}")
+                convert_shape(value, Range, f"{at}: selection {k + 1}: {name}")
     return found
 
 
@@ -192,7 +192,7 @@ def _selections(given: Any, maps: Mapping[str, Map], at: str) -> list[Any]:
     if not isinstance(own, dict) or "map" not in own:
         return [own]
     rest = {k: v for k, v in own.items() if k != "map"}
-    return [{**s, **rest} for s in _named(own["map"], maps, at).over]
+    return [{**s, **rest} for s in _find_map(own["map"], maps, at).over]
 
 
 def _one_a_key(given: Any) -> Any:
@@ -200,7 +200,7 @@ def _one_a_key(given: Any) -> Any:
     return {n.strip(): v for k, v in given.items() for n in k.split(",")} if isinstance(given, dict) else given
 
 
-def _named(name: Any, maps: Mapping[str, Map], at: str) -> Map:
+def _find_map(name: Any, maps: Mapping[str, Map], at: str) -> Map:
     if name not in maps:
         raise FileError(f"{at}: unknown map {name!r}{nearest(str(name), list(maps))}")
     return maps[name]

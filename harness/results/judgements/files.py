@@ -12,7 +12,7 @@ import msgspec
 
 from ...files import FileError, parse_json, read_text, to_json
 from ...places import Place
-from ...shapes import shaped
+from ...shapes import convert_shape
 from .claims import SCHEMA, Claim, Code, Published
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 
@@ -68,7 +68,7 @@ def _read(folder: Place, name: str, kind: Any) -> Any:
     plain = parse_json(read_text(path, "the judgement"), where)
     if kind is Published and isinstance(plain, list):
         raise FileError(f"{where}: of an older version (schema 1, expected {SCHEMA})")
-    return shaped(_restore_nan(plain, kind), kind, where)
+    return convert_shape(_restore_nan(plain, kind), kind, where)
 
 
 def add_code(claims: Sequence[Claim], code: Code) -> Published:

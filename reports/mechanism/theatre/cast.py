@@ -34,7 +34,7 @@ def cast(variant: Variant, moved: Sequence[str], at_most: int = AT_MOST) -> tupl
 
 def _order(can: Sequence[Run]) -> Iterator[Run]:
     """All of ``can``, the most telling first; some more than once."""
-    firsts = _one_each(can, lambda c: c.record.solver, _held)
+    firsts = _one_each(can, lambda c: c.record.solver, _stage_order)
     known = {_method(c) for c in firsts}
     sound = sorted((c for c in firsts if c.succeeded), key=_soundness)
     yield from (sound[k] for k in (0, len(sound) // 2, -1) if sound)
@@ -45,7 +45,7 @@ def _order(can: Sequence[Run]) -> Iterator[Run]:
 
 
 def _one_each(runs: Sequence[Run], by: Callable[[Run], Any], key: Callable[[Run], Any]) -> list[Run]:
-    """Of those alike ``by`` something the first by ``key``."""
+    """Keep the first by ``key`` of those that are alike ``by`` something."""
     return [min(own, key=key) for _, own in groupby(sorted(runs, key=by), by)]
 
 
@@ -59,7 +59,7 @@ def _setting(c: Run) -> tuple[str, ...]:
     return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
 
 
-def _held(c: Run) -> tuple[bool, int, float]:
+def _stage_order(c: Run) -> tuple[bool, int, float]:
     return (not c.succeeded, len(c.options), c.step_or_tolerance)
 
 

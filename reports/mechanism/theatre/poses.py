@@ -63,7 +63,7 @@ def columns(a: Int[np.ndarray, "nf n"]) -> Int[np.ndarray, " m"]:
     return a.T.astype(np.int64).ravel() + LEVELS
 
 
-def rounded(a: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+def round_mantissa(a: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
     """With ``DIGITS`` bits of mantissa, which compress well."""
     fraction, power = np.frexp(a)
     return np.ldexp(np.rint(np.ldexp(fraction, DIGITS)), power - DIGITS)
@@ -71,7 +71,7 @@ def rounded(a: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
 
 @dataclass(frozen=True)
 class Poses:
-    """Of one run over time; quaternions (x, y, z, w)."""
+    """Poses of one run over time; quaternions (x, y, z, w)."""
 
     t: Float[np.ndarray, " nf"]
     r: Float[np.ndarray, "nf nb 3"]
@@ -91,7 +91,7 @@ def finite(poses: Poses) -> Poses:
     return poses.at(np.flatnonzero(np.logical_and.accumulate(good)))
 
 
-def thinned(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
+def thin_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
     """Rows to draw, first and last among them: half even in time, half along the way of the body that goes furthest.
 
     ``size`` [m] makes a turn a way: a turn of 1 rad counts as a way of ``size``.
@@ -113,7 +113,7 @@ def enough(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
 
     To a few rows are added those that are drawn worst, until all are near or there are ``at_most``.
     """
-    rows = thinned(poses, min(FIRST, at_most), size)
+    rows = thin_poses(poses, min(FIRST, at_most), size)
     while len(rows) < at_most:
         distance, angle = each_off(poses, rows)
         away = np.maximum(distance / (NEAR * size), angle / TURNED)
@@ -138,7 +138,7 @@ def rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
     return (R[:-1].inv() * R[1:]).as_rotvec() / np.maximum(np.diff(poses.t), 1e-300)[:, None]
 
 
-def between(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
+def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
     """Positions on the chord, orientations on the great circle: what the page draws between two poses."""
     k = np.clip(np.searchsorted(poses.t, t, side="right") - 1, 0, max(len(poses) - 2, 0))
     j = np.minimum(k + 1, len(poses) - 1)
@@ -171,7 +171,7 @@ def fill(poses: Poses, exact: Poses, size: float) -> Filled:
     the exact motion turns by more than pi, with an end that is not near it, cannot be filled: it is unknown.
     """
     inside = (exact.t > poses.t[0]) & (exact.t < poses.t[-1]) & ~np.isin(exact.t, poses.t)
-    here, there = exact.at(np.flatnonzero(inside)), between(exact, poses.t)
+    here, there = exact.at(np.flatnonzero(inside)), interpolate_poses(exact, poses.t)
     error = Poses(poses.t, poses.r - there.r, _product(there.q * [-1.0, -1.0, -1.0, 1.0], poses.q))
     angle = 2.0 * np.arccos(np.clip(np.abs(error.q[..., 3]), 0.0, 1.0))
     far = np.maximum(np.linalg.norm(error.r, axis=-1) / size, angle).max(axis=1) > ALIKE
@@ -182,9 +182,9 @@ def fill(poses: Poses, exact: Poses, size: float) -> Filled:
     spans = tuple((float(poses.t[k]), float(poses.t[k + 1])) for k in unknown)
     if not len(here):
         return Filled(poses, unknown=spans)
-    own = between(error, here.t)
+    own = interpolate_poses(error, here.t)
     made = Poses(here.t, here.r + own.r, _product(here.q, own.q))
-    distance, angle = _apart(between(poses, here.t), made)
+    distance, angle = _apart(interpolate_poses(poses, here.t), made)
     gap = np.searchsorted(poses.t, here.t, side="right") - 1
     off_in = np.zeros(len(far), dtype=bool)
     off_in[gap[(distance > NEAR * size) | (angle > TURNED)]] = True  # all of a gap: after whole turns one may fit
@@ -208,7 +208,7 @@ def off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
 
 def each_off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
     """The same of each stored pose."""
-    return _apart(between(poses.at(kept), poses.t), poses)
+    return _apart(interpolate_poses(poses.at(kept), poses.t), poses)
 
 
 def _apart(a: Poses, b: Poses) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:

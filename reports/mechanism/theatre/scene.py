@@ -12,9 +12,22 @@ from ....harness.results.series import Series
 from ...model.results import Results, Run, Variant, by_solver
 from ...plots.palette import Look
 from .cast import cast
-from .poses import Box, Poses, box_of, columns, enough, fill, finite, off, positions, quaternions, rounded, thinned
+from .poses import (
+    Box,
+    Poses,
+    box_of,
+    columns,
+    enough,
+    fill,
+    finite,
+    off,
+    positions,
+    quaternions,
+    round_mantissa,
+    thin_poses,
+)
 from .shapes import Shape, ends, ground_points, shapes_of
-from .strips import EVENTS, SPANS, Strip, known, marks_of, strips_of
+from .strips import EVENTS, SPANS, Strip, marks_of, select_known, strips_of
 
 POSE_BYTES = 4_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four
@@ -86,7 +99,7 @@ def scene(
     scale = record.length_scale_m if record.length_scale_m > 0.0 else 1.0
     t_end = max([record.t_end_s] + [float(p.series["t"][-1]) for p in cast_])
     t_end = t_end if math.isfinite(t_end) and t_end > 0.0 else 1.0
-    shapes, kinds = shapes_of(lead.series, lead.poses, scale), known([p.series for p in cast_])
+    shapes, kinds = shapes_of(lead.series, lead.poses, scale), select_known([p.series for p in cast_])
     lengths = [float(np.linalg.norm(np.subtract(s.b, s.a))) for s in shapes if s.kind == "rod"]
     body = min(scale, float(np.median(lengths))) if lengths else scale
     ground = ground_points(lead.series)
@@ -126,11 +139,11 @@ def exact_of(cast_: Sequence[Player]) -> Poses | None:
 def _exact(poses: Poses | None, box: Box, body: float) -> dict[str, Any] | None:
     if poses is None:
         return None
-    kept, _ = _packed(poses, box, body, MOST_POSES)
+    kept, _ = _pack_poses(poses, box, body, MOST_POSES)
     return {**kept, "until": float(poses.t[-1])}
 
 
-def _packed(poses: Poses, box: Box, body: float, at_most: int) -> tuple[dict[str, Any], Int[np.ndarray, " n"]]:
+def _pack_poses(poses: Poses, box: Box, body: float, at_most: int) -> tuple[dict[str, Any], Int[np.ndarray, " n"]]:
     """Poses as a page holds them, and which ones."""
     rows = enough(poses, at_most, body)
     kept = poses.at(rows)
@@ -142,9 +155,9 @@ def _player(
     p: Player, box: Box, body: float, at_most: int, axis: tuple[float, int], looks: Mapping[str, Look],
     rank: Mapping[str, int], kinds: Sequence[Strip],
 ) -> dict[str, Any]:  # fmt: skip
-    kept, rows = _packed(p.poses, box, body, at_most)
+    kept, rows = _pack_poses(p.poses, box, body, at_most)
     distance, angle = off(p.poses, rows)
-    strips = rounded(strips_of(p.series, p.run, *axis, kinds))
+    strips = round_mantissa(strips_of(p.series, p.run, *axis, kinds))
     return {
         "solver": p.run.record.solver, "settings": p.run.settings(), "label": p.run.record.label,
         "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
@@ -163,9 +176,9 @@ def _reach(sound: Sequence[Player], shapes: Sequence[Shape], ground: Float[np.nd
     local = np.array([x for s in shapes for x in (s.a, s.b)]).reshape(-1, 3)
     corners = [ground]
     for p in sound:
-        some = p.poses.at(thinned(p.poses, VIEWS, 1.0))
+        some = p.poses.at(thin_poses(p.poses, VIEWS, 1.0))
         for r, q in zip(some.r, some.q, strict=True):
-            x = r[body] + turned(q[body], local)
+            x = r[body] + rotate_by(q[body], local)
             corners.append(np.stack((x.min(axis=0) - thick, x.max(axis=0) + thick)))
     return box_of(np.concatenate(corners))
 
@@ -183,19 +196,19 @@ def _normal(lead: Player) -> list[float] | None:
 
 def _trail(lead: Player, shapes: Sequence[Shape]) -> dict[str, Any]:
     """The end of a body that goes the longest way: what a trail is drawn of."""
-    some = lead.poses.at(thinned(lead.poses, 200, 1.0))
+    some = lead.poses.at(thin_poses(lead.poses, 200, 1.0))
     best, body, at = -1.0, 0, np.zeros(3)
     bodies = some.r.shape[1]
     for k in range(0, bodies, 1 if bodies <= 200 else 50):
         for end in ends(list(shapes), k):
-            x = some.r[:, k] + turned(some.q[:, k], end)
+            x = some.r[:, k] + rotate_by(some.q[:, k], end)
             way = float(np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
             if way > best * (1.0 + 1e-6):
                 best, body, at = way, k, end
     return {"body": body, "at": at.tolist()}
 
 
-def turned(q: Float[np.ndarray, "n 4"], x: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "n 3"]:
+def rotate_by(q: Float[np.ndarray, "n 4"], x: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "n 3"]:
     """R x of each quaternion."""
     v, w = q[:, :3].astype(float), q[:, 3:].astype(float)
     return x + 2.0 * np.cross(v, np.cross(v, x) + w * x)

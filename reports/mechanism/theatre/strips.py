@@ -83,7 +83,7 @@ def strip(
     return np.stack((low, high))
 
 
-def known(series: Sequence[Series]) -> tuple[Strip, ...]:
+def select_known(series: Sequence[Series]) -> tuple[Strip, ...]:
     """Those that some run has a number for: without a reference there is no error."""
     return tuple(s for s in STRIPS if any(s.name in own and np.isfinite(own[s.name]).any() for own in series))
 

@@ -13,10 +13,10 @@ from ....harness.results.records import RunRecord
 from ...model.curves import upper
 from ...model.provenance import facts
 from ...model.results import Results, Run, read_results, slug
-from ...model.words import listed, plural
+from ...model.words import join_words, plural
 from ...plots.spec import Axis, Plot, Trace
 from ..base import Page, Site, copy_assets
-from ..judgement import judged, links_of, page_of
+from ..judgement import links_of, page_of, read_judged
 from . import ranking
 from .ranking import Rank, Ranked
 
@@ -58,14 +58,14 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
     """The page of the two results."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), changes(a, b)
-    unknown = ranking.unmeasured(before, after)
+    unknown = ranking.find_unmeasured(before, after)
     changed = {r.settings_id for p in parts for r in p.rows}
     return site.write(
         Page("Comparison", "compare.html", nav=True, order=90), "compare.html", scripts=["assets/judgement.js"],
         plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
         unmeasured=[sorted(u) for u in unknown],
         inputs=find_differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
-        unexplained=unexplained(before, after, found, set.union(*unknown)),
+        unexplained=describe_unexplained(before, after, found, set.union(*unknown)),
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
         both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_own_file(),
         pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
@@ -75,7 +75,7 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
 def changes(a: Results, b: Results) -> tuple[Part, ...]:
     """By rank, the most important first; ranks without a change are left out."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
-    verdicts = (judged(results.folder, CLAIMS).found or () for results in (a, b))
+    verdicts = (read_judged(results.folder, CLAIMS).found or () for results in (a, b))
     rows = [*ranking.endings(before, after), *ranking.claims(*verdicts), *ranking.physics(before, after),
             *ranking.work(before, after), *ranking.timings(before, after)]  # fmt: skip
     parts = (Part(*HEADS[rank], tuple(r for r in rows if r.rank is rank)) for rank in Rank)
@@ -90,7 +90,9 @@ def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
     return found.compared - len(touched), len(touched) - len(changed)
 
 
-def unexplained(before: Sequence[RunRecord], after: Sequence[RunRecord], found: Comparison, unknown: set[str]) -> str:
+def describe_unexplained(
+    before: Sequence[RunRecord], after: Sequence[RunRecord], found: Comparison, unknown: set[str]
+) -> str:
     """What may have changed the runs where no input did; names no cause where no run changed."""
     touched = {c.case for c in found.changes if c.metric not in unknown}
     if not touched:
@@ -99,7 +101,7 @@ def unexplained(before: Sequence[RunRecord], after: Sequence[RunRecord], found: 
     limited = {r.case for r in (*before, *after) if not is_repeatable(r)} & touched
     parts = [(limited, "a limit on time or memory ended {them}"), (touched - limited, "a solver is not deterministic")]
     words = [f"{plural(len(own), 'run')}: {cause.format(them='it' if len(own) == 1 else 'them')} "
-             f"({listed(sorted(own), 3)})" for own, cause in parts if own]  # fmt: skip
+             f"({join_words(sorted(own), 3)})" for own, cause in parts if own]  # fmt: skip
     return f"No input differs, but results do. {'; '.join(words)}."
 
 

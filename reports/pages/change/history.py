@@ -12,7 +12,7 @@ from ....harness.files import FileError
 from ....harness.places import NotOwn
 from ....harness.results.history import find_histories, merge_rows, read_folder, read_rows
 from ....harness.results.rows import Row
-from ...model.results import Results, grouped
+from ...model.results import Results, group_by
 from ...model.words import Mark, mark, number
 from ..base import Page, Site
 from ..svg import sparkline
@@ -79,7 +79,7 @@ class Line:
         if len({r.status for r in self.rows}) > 1:
             return True
         scale = max((r.energy_scale_J for r in self.rows if r.energy_scale_J > 0.0), default=1.0)
-        return moved(self.values("energy_drift_max_J"), LITTLE * scale) or moved(self.errors, LITTLE)
+        return has_moved(self.values("energy_drift_max_J"), LITTLE * scale) or has_moved(self.errors, LITTLE)
 
     @property
     def lost(self) -> float:
@@ -97,7 +97,7 @@ def gate_mark(state: str) -> Mark:
     return GATE.get(state, Mark("?", state.lower() or "not judged", "refused"))
 
 
-def moved(values: Sequence[float], least: float) -> bool:
+def has_moved(values: Sequence[float], least: float) -> bool:
     """Whether known values spread by more than a hundredth, and by more than ``least``."""
     known = [v for v in values if math.isfinite(v)]
     return len(known) > 1 and max(known) - min(known) > max(MOVED * max(map(abs, known)), least)
@@ -119,9 +119,9 @@ def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ..
 
 
 def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
-    """Of the runs in these results, the oldest row first; what got worse comes first, then what got better."""
+    """Lines of the runs in these results, from the oldest row on; first what got worse, then what got better."""
     here = {c.record.settings_id for c in results.runs}
-    found = grouped((row for row in rows if row.settings_id in here), lambda row: row.settings_id)
+    found = group_by((row for row in rows if row.settings_id in here), lambda row: row.settings_id)
     out = [Line(k, own[-1].case, own[-1].problem, own[-1].solver, tuple(own)) for k, own in found.items()]
     return tuple(sorted(out, key=lambda k: (not k.changed, k.lost <= 0.0, -abs(k.lost), len(k.rows) == 1, k.case)))
 
@@ -129,7 +129,7 @@ def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
 def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
     """Each results folder with the statuses of its runs, the oldest first."""
     out = []
-    for name, own in grouped(rows, lambda row: row.results).items():
+    for name, own in group_by(rows, lambda row: row.results).items():
         ends = Counter(mark(r.status).kind for r in own)
         kinds = {**{m.kind: m for m in map(mark, ("success", "inaccurate", "wrong", "refused"))},
                  "failed": Mark("★", "stopped", "failed")}  # fmt: skip

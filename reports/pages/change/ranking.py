@@ -8,7 +8,7 @@ from enum import IntEnum
 from ....harness.results.comparison import METRICS, Change, Likeness, compare
 from ....harness.results.judgements.claims import Claim, Verdict
 from ....harness.results.records import RunRecord
-from ...model.results import grouped
+from ...model.results import group_by
 from ...model.words import mark, number
 
 PHYSICS = {  # column: words, unit, the scale of the record it is measured by
@@ -73,7 +73,7 @@ def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
             )
             then, now = mark(a.status).word, mark(b.status).word
             out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", then, now, "", worse, weight))
-    return ordered(out)
+    return sort_worst_first(out)
 
 
 def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
@@ -87,12 +87,12 @@ def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
                 change = CLAIM_ORDER.index(b.verdict) - CLAIM_ORDER.index(a.verdict)
                 out.append(Ranked(Rank.CLAIM, c.id, c.claim, f"verdict {where}", a.verdict.lower(), b.verdict.lower(),
                                   "", change > 0, float(abs(change))))  # fmt: skip
-    return ordered(out)
+    return sort_worst_first(out)
 
 
 def physics(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
     """Numbers that changed by more than two machines may differ by, as parts of the problem's own scale."""
-    return gathered([r for a, b, c in _changes(before, after) if c.metric in PHYSICS for r in _physics(a, b, c)])
+    return gather_by_run([r for a, b, c in _changes(before, after) if c.metric in PHYSICS for r in _physics(a, b, c)])
 
 
 def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
@@ -101,9 +101,20 @@ def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked
     for a, _, c in _changes(before, after):
         if c.metric in WORK and not isinstance(c.before, str) and not isinstance(c.after, str):
             ratio = _ratio(c.before, c.after)
-            out.append(Ranked(Rank.WORK, a.settings_id, a.case, WORK[c.metric], number(c.before), number(c.after),
-                              said(ratio), ratio > 1.0, abs(math.log(ratio)) if ratio > 0.0 else 99.0))  # fmt: skip
-    return gathered(out)
+            out.append(
+                Ranked(
+                    Rank.WORK,
+                    a.settings_id,
+                    a.case,
+                    WORK[c.metric],
+                    number(c.before),
+                    number(c.after),
+                    format_ratio(ratio),
+                    ratio > 1.0,
+                    abs(math.log(ratio)) if ratio > 0.0 else 99.0,
+                )
+            )
+    return gather_by_run(out)
 
 
 def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
@@ -114,8 +125,8 @@ def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
         apart = a.cpu_max_s < b.cpu_min_s or b.cpu_max_s < a.cpu_min_s
         if x > 0.0 and y > 0.0 and apart and max(x / y, y / x) > SPREAD:
             out.append(Ranked(Rank.TIMING, a.settings_id, a.case, "CPU time", f"{number(x)} s", f"{number(y)} s",
-                              said(y / x), y > x, abs(math.log(y / x))))  # fmt: skip
-    return ordered(out)
+                              format_ratio(y / x), y > x, abs(math.log(y / x))))  # fmt: skip
+    return sort_worst_first(out)
 
 
 def pairs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord]]:
@@ -124,25 +135,25 @@ def pairs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple
     return [(r, there[r.settings_id]) for r in before if r.settings_id in there]
 
 
-def ordered(found: list[Ranked]) -> list[Ranked]:
+def sort_worst_first(found: list[Ranked]) -> list[Ranked]:
     """Worst first."""
     return sorted(found, key=lambda r: (r.rank, -r.weight, r.title, r.what))
 
 
-def gathered(found: list[Ranked]) -> list[Ranked]:
+def gather_by_run(found: list[Ranked]) -> list[Ranked]:
     """One a run: its largest change, with the others beneath."""
-    by_run = grouped(ordered(found), lambda r: r.settings_id)
+    by_run = group_by(sort_worst_first(found), lambda r: r.settings_id)
     return [replace(own[0], others=tuple(own[1:])) for own in by_run.values()]
 
 
-def unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> tuple[set[str], set[str]]:
+def find_unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> tuple[set[str], set[str]]:
     """Columns that no record of one run has and some of the other do: what is measured changed, not the motion."""
     both = pairs(before, after)
     none = [{m for m in METRICS if all(math.isnan(float(getattr(p[k], m))) for p in both)} for k in (0, 1)]
     return none[0] - none[1], none[1] - none[0]
 
 
-def said(ratio: float) -> str:
+def format_ratio(ratio: float) -> str:
     """``2.1 times``."""
     return f"{number(ratio)} times" if math.isfinite(ratio) and ratio > 0.0 else "–"
 
@@ -150,7 +161,7 @@ def said(ratio: float) -> str:
 def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord, Change]]:
     """What the comparison of runs calls changed, with the two records."""
     out = []
-    unknown = set.union(*unmeasured(before, after))
+    unknown = set.union(*find_unmeasured(before, after))
     for a, b in pairs(before, after):
         found = compare([a], [b]).changes
         out += [(a, b, c) for c in found if c.likeness is Likeness.CHANGED and c.metric not in {"status", *unknown}]

@@ -11,7 +11,7 @@ from ....harness.results.judgements.claims import Claim, Gap, MapRow, Value, Ver
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ...model import claim_words
 from ...model.claim_words import setting
-from ...model.results import Results, grouped, natural, slug
+from ...model.results import Results, group_by, natural, slug
 from ...model.words import Mark, mark, number, unit
 from ..base import Page, Site
 from ..judgement import JUDGE, Links, judged_or_published, links_of, read_or_why
@@ -58,7 +58,7 @@ def grids(rows: Sequence[MapRow], links: Links) -> tuple[Grid, ...]:
     """One a facet, all with the same tolerances and gains, so that places can be compared."""
     tolerances, gains = (_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
     facets = tuple(dict.fromkeys(k for m in rows for k in m.at if k not in AXES))
-    found = grouped(rows, lambda m: tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets))
+    found = group_by(rows, lambda m: tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets))
     varies = [k for k in range(len(facets)) if len({key[k] for key in found}) > 1]
     out = []
     for key, own in found.items():
@@ -157,7 +157,7 @@ def claims_of(claims: Sequence[Claim], links: Links, published: Sequence[Claim] 
     kept = {c.id: c for c in published}
     instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
     ordered = sorted((instead.get(c.id, c) for c in claims), key=lambda c: (natural(c.section), c.figure))
-    shown = (_shown(c, links, slug(c.id, taken)) for c in ordered)
+    shown = (_show_claim(c, links, slug(c.id, taken)) for c in ordered)
     return tuple(replace(s, published=True, grids=(), runs=()) if s.of.id in instead else s for s in shown)
 
 
@@ -204,16 +204,18 @@ def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequ
 
 
 def _first(c: Claim) -> str:
-    return claim_words.measured(c.tests[0]) if c.tests else "nothing"
+    return claim_words.format_measured(c.tests[0]) if c.tests else "nothing"
 
 
-def _shown(c: Claim, links: Links, anchor: str) -> Shown:
+def _show_claim(c: Claim, links: Links, anchor: str) -> Shown:
     mark, line = VERDICTS[c.verdict], None
     if c.tests:
         first = c.tests[0]
         low, high = (v if v is not None else end for v, end in zip(first.band, (-math.inf, math.inf), strict=True))
         line = number_line(first.measured, low, high, unit(first.unit), mark.kind, c.measured_range)
-    settings = [(claim_words.spaced(k), ", ".join(claim_words.value(k, v) for v in vs)) for k, vs in c.settings.items()]
+    settings = [
+        (claim_words.spell_out(k), ", ".join(claim_words.value(k, v) for v in vs)) for k, vs in c.settings.items()
+    ]
     if c.against:
         more = len(c.against) - AGAINST
         settings.append(("against", ", ".join(c.against[:AGAINST]) + (f" and {more} more" if more > 0 else "")))
@@ -250,6 +252,6 @@ def write(results: Results, site: Site) -> Page | None:
     return site.write(
         page, "claims.html", scripts=["assets/judgement.js"], why=found.why, kept=kept, claims=claims,
         counts=counts(claims), checks=[c for c in claims if c.presentation], say=claim_words,
-        sections=grouped(claims, lambda c: c.section), solvers=sorted({s for c in claims for s in c.solvers}),
+        sections=group_by(claims, lambda c: c.section), solvers=sorted({s for c in claims for s in c.solvers}),
         differences=differences(own, before, claims), published_why=published.why, judged_here=judged_here(own),
     )  # fmt: skip

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from ....harness.results.judgements.files import WORK
 from ...model.frontier import Frontier, broad, engines_first, of_most_problems
 from ...model.growth import growths_of
-from ...model.results import Results, grouped
+from ...model.results import Results, group_by
 from ...model.words import decade, plural
 from ...plots.growth import growth
 from ...plots.spec import Plot
-from ...plots.work import ERRORS, WORKS, Profile, named, profile_plot, work_plots
+from ...plots.work import ERRORS, WORKS, Profile, describe_work, profile_plot, work_plots
 from ..base import Page, Site
-from ..judgement import judged, links_of
+from ..judgement import links_of, read_judged
 from .work_points import Field, fields, profiles
 
 FEW = ("index1", "evaluations", "cpu")  # works that energy and joints are drawn over
@@ -21,7 +21,7 @@ WORKED = "CPU time of the integration alone, on one machine: read the ratios, no
 
 def write(results: Results, site: Site) -> Page | None:
     """``cost.html``."""
-    work = judged(results.folder, WORK)
+    work = read_judged(results.folder, WORK)
     profile = profiles(work.found.profile if work.found else ())
     default = profiles(work.found.profile_default if work.found else (), tuned=False)
     points = work.found.points if work.found else ()
@@ -36,8 +36,8 @@ def write(results: Results, site: Site) -> Page | None:
         Page("Cost", "cost.html", nav=True, order=30), "cost.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values()), *sizes], why=work.why,
         errors=[(k, *e) for k, e in ERRORS.items()], works=kinds, fields=found, profiles=(*profile, *default),
-        profile_plots=profile_plots, named=named, work_at=work_at, title=title(cheapest), worked=WORKED,
-        cheapest=grouped(engines_first(cheapest), lambda f: f.variant), grown=grown, sizes=sizes,
+        profile_plots=profile_plots, named=describe_work, work_at=work_at, title=title(cheapest), worked=WORKED,
+        cheapest=group_by(engines_first(cheapest), lambda f: f.variant), grown=grown, sizes=sizes,
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....harness.results.judgements.runs import Note, Order
-from ...model.results import grouped, natural, slug
+from ...model.results import group_by, natural, slug
 from ...model.words import Mark, plural
 from ...plots.spec import Axis, Plot, Trace
 from ..judgement import Links
@@ -147,7 +147,7 @@ def _kind(dt: float, error: float, used: bool, floor: float, coarsest: float) ->
 
 def ladders(found: Sequence[Certificate]) -> tuple[Plot, ...]:
     """Error against step, a plot for each quantity of each problem, a fit and its points for each method."""
-    groups = grouped((c for c in found if c.points), lambda c: (c.of.variant, c.of.quantity))
+    groups = group_by((c for c in found if c.points), lambda c: (c.of.variant, c.of.quantity))
     taken: set[str] = set()
     plots = []
     for (variant, quantity), own in groups.items():

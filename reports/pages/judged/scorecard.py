@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ....harness.results.judgements.runs import Symmetry, Unjudged
-from ...model.results import grouped
+from ...model.results import group_by
 from ...model.words import Mark
 
 MARKS = {  # the worst first
@@ -47,7 +47,7 @@ class Card:
 def card(found: Sequence[Symmetry]) -> Card:
     """Solvers down, checks across, in the order of their names and of their appearance."""
     checks = tuple(dict.fromkeys(s.title for s in found))
-    boxes = grouped(found, lambda s: (s.solver, s.title))
+    boxes = group_by(found, lambda s: (s.solver, s.title))
     solvers = sorted({s.solver for s in found})
     return Card(checks, tuple((name, tuple(_box(boxes.get((name, c), ())) for c in checks)) for name in solvers))
 

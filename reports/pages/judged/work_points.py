@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ....harness.results.judgements.runs import WorkPoint, WorkProfile
 from ...model.results import Results
 from ...model.words import mark
-from ...plots.work import ERRORS, WORKS, Point, Profile, kind_of, method_of, recorded, reference_error
+from ...plots.work import ERRORS, WORKS, Point, Profile, kind_of, list_points, method_of, reference_error
 from ..judgement import Links, page_of
 
 
@@ -34,7 +34,7 @@ class Field:
 
 def fields(results: Results, judged: Sequence[WorkPoint], links: Links) -> tuple[Field, ...]:
     """One a variant that has a point, those that most solvers ran first; judged points where there are any."""
-    points = [_judged(p, links) for p in judged] or [p for v in results.variants for p in recorded(v, page_of)]
+    points = [_judge_point(p, links) for p in judged] or [p for v in results.variants for p in list_points(v, page_of)]
     out: list[Field] = []
     slugs = {p.title: p.slug for p in results.variants}
     order = {p.title: k for k, p in enumerate(results.variants)}
@@ -42,12 +42,12 @@ def fields(results: Results, judged: Sequence[WorkPoint], links: Links) -> tuple
         own = tuple(p for p in points if p.variant == name)
         drawn = {p.solver for p in own if any(p.drawable(error, work) for error in ERRORS for work in WORKS)}
         if drawn:
-            absent = tuple(f"{s} ({_ended(results, name, s)})" for s in results.solvers if s not in drawn)
+            absent = tuple(f"{s} ({_describe_failures(results, name, s)})" for s in results.solvers if s not in drawn)
             out.append(Field(name, slugs.get(name, f"other-{len(out)}"), own, absent))
     return tuple(sorted(out, key=lambda f: len(f.absent)))
 
 
-def _ended(results: Results, variant: str, solver: str) -> str:
+def _describe_failures(results: Results, variant: str, solver: str) -> str:
     """How the runs ended that no plot can show."""
     ends = Counter(mark(c.status).word for c in results.runs if (c.variant, c.record.solver) == (variant, solver))
     return ", ".join(ends) or "not run"
@@ -59,7 +59,7 @@ def profiles(found: Sequence[WorkProfile], *, tuned: bool = True) -> tuple[Profi
     return tuple(Profile(p.solver, p.work, p.total, p.target_work, tuned) for p in ordered)
 
 
-def _judged(p: WorkPoint, links: Links) -> Point:
+def _judge_point(p: WorkPoint, links: Links) -> Point:
     run = links.runs.get(p.settings_id)
     works = {key: p.cpu_s if key == "cpu" else float(getattr(p, key)) for key in WORKS}
     errors = {"error": p.error, "energy": p.energy_drift_J, "phi": p.phi_max}

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from ....harness.results.records import reasons_of
 from ....harness.results.series import Series
 from ....harness.results.words import law_of
-from ...model.results import Results, Run, by_solver, grouped
+from ...model.results import Results, Run, by_solver, group_by
 from ...model.scores import Score, score
 from ...model.words import plural
 from ...plots.palette import Look
@@ -30,7 +30,7 @@ def survival(runs: Sequence[Run]) -> dict[str, tuple[Score, float]]:
 
 
 def part_reached(run: Run) -> float:
-    """Of the time asked for, 0 to 1; 0 for a run without a step."""
+    """Part of the asked time that was reached, 0 to 1; 0 for a run without a step."""
     r = run.record
     if not (r.t_end_s > 0.0 and math.isfinite(r.t_reached_s)):
         return 0.0
@@ -102,9 +102,9 @@ def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
     )  # fmt: skip
 
 
-def broken(runs: Sequence[Run]) -> tuple[Broken, ...]:
+def group_broken(runs: Sequence[Run]) -> tuple[Broken, ...]:
     """The wrong ones by the first law they break, the most frequent first."""
-    found = grouped((c for c in runs if c.status == "wrong"), _first_law)
+    found = group_by((c for c in runs if c.status == "wrong"), _first_law)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
     return tuple(Broken(law, families_of(own)) for law, own in ordered)
 
@@ -117,7 +117,7 @@ def _first_law(run: Run) -> str:
 def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
     """By problem and solver, the largest first; in each the plainest variant and settings first."""
     plainest = sorted(runs, key=lambda c: (len(c.parameters), len(c.options), c.variant, c.record.case))
-    found = grouped(plainest, lambda c: (c.record.problem, c.record.solver))
+    found = group_by(plainest, lambda c: (c.record.problem, c.record.solver))
     return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
 
@@ -134,7 +134,8 @@ def write(results: Results, site: Site) -> Page | None:
     stopped = [c for c in results.runs if c.stopped and not c.unfinished]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
-        groups=found, title=title(score(results.runs)), survival=survival(results.runs), broken=broken(results.runs),
+        groups=found, title=title(score(results.runs)), survival=survival(results.runs),
+        broken=group_broken(results.runs),
         refused=families_of([c for c in results.runs if c.status == "refused"]),
         part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),
         stopped_problems=sorted({c.record.problem for c in stopped}),

@@ -12,11 +12,11 @@ from ....harness.results.reproduce import write_command
 from ....harness.results.words import law_of
 from ...mechanism.stage import moment
 from ...model.catalogue import code_of_others, is_engine
-from ...model.followed import followed
+from ...model.followed import list_followed
 from ...model.heat import Heat
 from ...model.margin import margin
-from ...model.results import Results, Run, Variant, grouped, read_results
-from ...model.words import listed, number, plural, time
+from ...model.results import Results, Run, Variant, group_by, read_results
+from ...model.words import join_words, number, plural, time
 from ...plots.palette import Look
 from ..judged.claims import Shown, claims_of, counts
 from ..judgement import JUDGE, judged_or_published, links_of, read_or_why
@@ -56,7 +56,7 @@ def false_successes(results: Results, label: str) -> tuple[list[FalseSuccess], i
         size = m.part if m and math.isfinite(m.part) else 0.0
         return not code_of_others(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
 
-    worst = [min(own, key=key) for own in grouped([*wrong, *published], lambda c: c.record.solver).values()]
+    worst = [min(own, key=key) for own in group_by([*wrong, *published], lambda c: c.record.solver).values()]
     return [_card(results, c, plugins, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
 
 
@@ -64,8 +64,8 @@ def wrong_title(cards: Sequence[FalseSuccess], wrong: int) -> str:
     """How many runs, and which code of others is among them, here or as published."""
     said = f"{plural(wrong, 'run')} {'says' if wrong == 1 else 'say'} success and {'is' if wrong == 1 else 'are'} wrong"
     here, elsewhere = (list(dict.fromkeys(c.code for c in cards if c.code and c.published is p)) for p in (False, True))
-    by = f", {listed(here)} at some settings among them" if here else ""
-    return f"{said}{by}{f'; as published, also runs of {listed(elsewhere)}' if elsewhere else ''}"
+    by = f", {join_words(here)} at some settings among them" if here else ""
+    return f"{said}{by}{f'; as published, also runs of {join_words(elsewhere)}' if elsewhere else ''}"
 
 
 def _card(results: Results, run: Run, plugins: Sequence[str], published: bool) -> FalseSuccess:
@@ -102,7 +102,7 @@ def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[Strip]:
     """One a problem of the heat map that has a reference."""
     out = []
     for variant in picture.problems if picture else ():
-        own = followed(variant)
+        own = list_followed(variant)
         known = max((f.known for f in own), default=0.0)
         if known > 0.0:
             whole = [f for f in own if f.whole]
@@ -130,7 +130,7 @@ class Verdicts:
 
 
 def verdicts(results: Results) -> Verdicts | None:
-    """Of these results, else as published; None where there is neither."""
+    """Verdicts of these results, else as published; None where there is neither."""
     found = judged_or_published(results.folder, CLAIMS)
     kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims that lack runs here
     shown = [c for c in claims_of(found.found or (), links_of(results.runs), kept) if not c.presentation]
@@ -142,7 +142,7 @@ def verdicts(results: Results) -> Verdicts | None:
              f"{depend} depend on settings; {n['untestable']} cannot be tested")  # fmt: skip
     lacking = sum(c.published for c in shown)
     words = f"{lacking} lack runs here" if lacking else ""
-    return Verdicts(title, grouped(shown, lambda c: c.section), told(shown), found.published or words)
+    return Verdicts(title, group_by(shown, lambda c: c.section), told(shown), found.published or words)
 
 
 def told(shown: Sequence[Shown]) -> list[Shown]:

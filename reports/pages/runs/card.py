@@ -28,7 +28,7 @@ class Fact:
 
 @dataclass(frozen=True)
 class Card:
-    """Of a solver at its default options."""
+    """Card of a solver at its default options."""
 
     solver: str
     facts: tuple[Fact, ...]
@@ -41,13 +41,18 @@ class Card:
 
 def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], followed: Sequence[Followed],
             costs: Sequence[Frontier]) -> Card:  # fmt: skip
-    """What is known of a solver; a line that nothing is known of is left out."""
-    found = (_order(solver, orders), _energy(solver, drifts), _followed(solver, followed), _cost(solver, costs))
+    """Facts about a solver; a line without one is left out."""
+    found = (
+        _order(solver, orders),
+        _energy(solver, drifts),
+        _shortest_followed(solver, followed),
+        _cost(solver, costs),
+    )
     return Card(solver, tuple(f for f in found if f is not None))
 
 
 def _order(solver: str, orders: Sequence[Order]) -> Fact | None:
-    """Of fixed steps at default options: the narrowest interval, and how many problems agree on the verdict."""
+    """Order of fixed steps at default options: the narrowest interval, and how many problems agree on the verdict."""
     own = [o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY) and math.isfinite(o.low)]
     if not own:
         return None
@@ -60,7 +65,7 @@ def _order(solver: str, orders: Sequence[Order]) -> Fact | None:
 
 
 def _energy(solver: str, drifts: Sequence[Drift]) -> Fact | None:
-    """Of the longest run at default options."""
+    """Energy drift of the longest run at default options."""
     own = [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]
     if not own:
         return None
@@ -71,7 +76,7 @@ def _energy(solver: str, drifts: Sequence[Drift]) -> Fact | None:
     return Fact("energy", f"{words} {over} of {d.problem}{moved}", f"{words} {over}", verdict_mark(d.verdict).kind)
 
 
-def _followed(solver: str, followed: Sequence[Followed]) -> Fact | None:
+def _shortest_followed(solver: str, followed: Sequence[Followed]) -> Fact | None:
     """The problem on which the smallest part of the known motion is followed."""
     own = [f for f in followed if f.run.record.solver == solver and f.known > 0.0]
     if not own:

@@ -104,7 +104,7 @@ def _size(series: Series, name: str, cause: str, scale: float, limit: float) -> 
     last = float(size[-1])
     what, unit, whole = SIZES[cause]
     share = f"{number(100.0 * last / scale)} %" if not last / scale < 1e-5 else "less than 0.001 %"
-    words = f"{what} {number(last)} {unit} at the end, {share} of {whole}{_grown(size)}"
+    words = f"{what} {number(last)} {unit} at the end, {share} of {whole}{_describe_growth(size)}"
     return cause, not last <= limit * scale, words
 
 
@@ -119,7 +119,7 @@ def _chart(series: Series) -> tuple[str, bool, str] | None:
     return "chart", True, f"|sin θ| came down to {number(least)} within the last {len(margin)} steps"
 
 
-def _grown(size: np.ndarray) -> str:
+def _describe_growth(size: np.ndarray) -> str:
     """How much the last rows grew, where that is more than a swing."""
     tail = size[-LAST:]
     before = tail[: len(tail) // 2]

@@ -16,8 +16,8 @@ from ...mechanism.view import flat, view_of
 from ...model.accuracy import judged_until, measure_for
 from ...model.catalogue import about_problem, why_hard
 from ...model.curves import SPANS_UPPER
-from ...model.focus import chosen
-from ...model.followed import Followed, followed
+from ...model.focus import choose_focus
+from ...model.followed import Followed, list_followed
 from ...model.heat import best_and_worst, boxes_of
 from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant
@@ -30,7 +30,7 @@ from ...plots.spec import Chapter
 from ...plots.work import work_chapter
 from ..base import Page, Site
 from ..judged.drifts import words
-from ..judgement import judged
+from ..judgement import read_judged
 from ..svg import sketch
 from .scenes import scene_of
 
@@ -107,12 +107,12 @@ def events(motions: Sequence[Motion]) -> Events | None:
     heads = list(dict.fromkeys(k for m in motions for e in m.events for k in e))
     if not heads:
         return None
-    rows = [(m.run, tuple(_said(e.get(k)) for k in heads)) for m in motions for e in m.events[:MOST_EVENTS]]
+    rows = [(m.run, tuple(_print_value(e.get(k)) for k in heads)) for m in motions for e in m.events[:MOST_EVENTS]]
     left_out = sum(max(len(m.events) - MOST_EVENTS, 0) for m in motions)
     return Events(tuple(h.replace("_", " ") for h in heads), tuple(rows), left_out)
 
 
-def _said(value: Any) -> str:
+def _print_value(value: Any) -> str:
     if isinstance(value, float):
         return number(value)
     return NONE if value is None else str(value)
@@ -153,7 +153,7 @@ def write(results: Results, site: Site) -> Page | None:
     plain = {p.title for p in themselves(results, label)}
     for variant in results.variants:  # one problem at a time: its series are large
         _write(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
-    cards = [MechanismCard(p, _drawn(results, p), about_problem(p.problem), best_and_worst(boxes_of(p, label)),
+    cards = [MechanismCard(p, _draw_mechanism(results, p), about_problem(p.problem), best_and_worst(boxes_of(p, label)),
                            score(p.runs)) for p in results.variants if p.title in plain]  # fmt: skip
     title = mechanisms(results)
     return site.write(Page("Mechanisms", "mechanisms.html", nav=True, order=10), "mechanisms.html", cards=cards,
@@ -170,7 +170,7 @@ def follow_title(variant: Variant, found: Sequence[Followed]) -> str:
     return out if last.whole else f"{out}; {last.run.record.solver} leaves it at {number(last.until)} s"
 
 
-def _drawn(results: Results, variant: Variant) -> Markup | None:
+def _draw_mechanism(results: Results, variant: Variant) -> Markup | None:
     poses = next((s for c in variant.runs if c.record.series and (s := results.readable_series(c))), None)
     return sketch_of(variant.title, poses)
 
@@ -181,7 +181,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         line.run.record.run_id: motion_of(line.run, results.series(line.run, poses=False), spans) for line in lines
     }
     boxes = sorted(boxes_of(variant, label), key=lambda b: b.order)
-    colours = chosen([b.run.record.solver for b in boxes], lambda s: site.looks[s].family)
+    colours = choose_focus([b.run.record.solver for b in boxes], lambda s: site.looks[s].family)
     drawing = Drawing(variant.runs, lines, motions, spans, colours, label)
     groups = groups_of(variant, label)
     plain = spans == SPANS_UPPER  # the scene is of the problems themselves
@@ -193,8 +193,8 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
     first = next((p for c in chapters for p in c.plots if p.name == "energy"), None)
     page = Page(variant.title, site.url(variant), brief=spans < SPANS_UPPER)
     where = f"runs.html?problem={results.variants.index(variant)}&label="
-    follow = followed(variant)
-    drifts = [d for d in judged(results.folder, DRIFTS).found or () if d.variant == variant.title]
+    follow = list_followed(variant)
+    drifts = [d for d in read_judged(results.folder, DRIFTS).found or () if d.variant == variant.title]
     site.write(
         page, "problem.html", variant=variant, scene=scene, work=next((c for c in chapters if c.plots[0].x.log), None),
         scripts=[f"data/{scene['file']}.js", "assets/stage.js"] if scene else [],
@@ -203,7 +203,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         drift_words=words,
         plots=[p for c in chapters for p in c.plots], left_out=len(variant.runs) - len(lines),
         facts_of_it=facts_of(variant, max((m.bodies for m in motions.values()), default=0)),
-        sentence=best_and_worst(boxes_of(variant, label)), first=first, sketch=_drawn(results, variant),
+        sentence=best_and_worst(boxes_of(variant, label)), first=first, sketch=_draw_mechanism(results, variant),
         about=about_problem(variant.problem), hard=why_hard(variant.problem), groups=groups, most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
         followed=follow,

@@ -23,13 +23,13 @@ def write(results: Results, site: Site) -> Page | None:
         scripts = [f"data/{data}.js", *PLOTTING] if data else []
         site.write(
             Page(f"{run.record.solver} on {run.variant}", site.url(run)), "run.html",
-            scripts=[meanings, *scripts], run=run, variant=variant, asked=_asked(run, results),
+            scripts=[meanings, *scripts], run=run, variant=variant, asked=_list_settings(run, results),
             numbers=_numbers(run), command=write_command(run.record, plugins), plots_data=data,
         )  # fmt: skip
     return None
 
 
-def _asked(run: Run, results: Results) -> list[tuple[str, str]]:
+def _list_settings(run: Run, results: Results) -> list[tuple[str, str]]:
     r = run.record
     limits = [f"{time(r.cpu_limit_s)} s CPU time"] if r.cpu_limit_s == r.cpu_limit_s else []
     limits += [f"{r.max_steps:,} steps".replace(",", "\u202f")] if r.max_steps else []

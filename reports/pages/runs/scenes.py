@@ -10,7 +10,7 @@ from ...model.catalogue import code_of_others
 from ...model.frontier import of_most_problems
 from ...model.heat import Heat, boxes_of
 from ...model.margin import margin
-from ...model.results import Results, Run, Variant, grouped
+from ...model.results import Results, Run, Variant, group_by
 from ...model.words import mark, number
 from ..base import Site
 
@@ -20,7 +20,7 @@ SMALL = 60  # pictures of a miniature
 
 
 def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
-    """Of each problem of the heat map the variant with a wrong run, else with most runs; the most telling first."""
+    """Choose the variant with a wrong run, else with most runs, of each problem of the heat map; most telling first."""
 
     def telling(variant: Variant) -> tuple[int, int, int]:
         """How many solvers are wrong on it in the plain comparison, and in all; how many runs it has."""
@@ -28,7 +28,7 @@ def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
         plain = {c.record.solver for c in wrong if c.record.label == label}
         return len(plain), len({c.record.solver for c in wrong}), len(variant.runs)
 
-    found = grouped(picture.problems if picture else (), lambda p: p.problem)
+    found = group_by(picture.problems if picture else (), lambda p: p.problem)
     best = [max(own, key=telling) for own in found.values()]
     return sorted(best, key=telling, reverse=True)[:MINIATURES]
 
@@ -78,12 +78,12 @@ def scene_of(results: Results, site: Site, variant: Variant, label: str) -> dict
     small = stage(results, roles[:1], measure, site.looks, SMALL)
     return {
         "file": f"stage-{variant.slug}", "title": variant.title, "problem": variant.problem.replace("_", " "),
-        "slug": variant.slug, "said": [_said(role, site) for role in roles],
+        "slug": variant.slug, "said": [_describe_role(role, site) for role in roles],
         "small": small and {**small, "players": [] if small["exact"] else small["players"]},
     }  # fmt: skip
 
 
-def _said(role: Role, site: Site) -> dict[str, str]:
+def _describe_role(role: Role, site: Site) -> dict[str, str]:
     run, measured = role.run, mark(role.run.status)
     broken = reasons_of(run.record.wrong_because) if run.status == "wrong" else ()
     since = min((r.time_s for r in broken if math.isfinite(r.time_s)), default=math.nan)

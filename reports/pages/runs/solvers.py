@@ -8,10 +8,10 @@ from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRO
 from ....harness.results.judgements.runs import Drift, Order, Symmetry
 from ....harness.results.words import words_of
 from ...model.catalogue import about_solver
-from ...model.followed import Followed, followed
+from ...model.followed import Followed, list_followed
 from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import heat
-from ...model.results import Results, Run, by_solver, grouped, text_of
+from ...model.results import Results, Run, by_solver, group_by, text_of
 from ...model.scores import Score, Standing, score, standings
 from ...model.variants import broadest, groups_of, themselves
 from ...model.words import plural
@@ -45,7 +45,7 @@ class Judgements:
 
     @staticmethod
     def of(results: Results) -> "Judgements":
-        """Of these results, else as published."""
+        """Judgements of these results, else as published."""
         whys: dict[str, tuple[str, str]] = {}
 
         def found(name: str, file: File[Any]) -> Sequence[Any]:
@@ -62,7 +62,7 @@ def write(results: Results, site: Site) -> Page | None:
     label = broadest(results)
     plain = {p.title for p in themselves(results, label)}
     judgements, picture = Judgements.of(results), heat(results)
-    follow = [f for p in (picture.problems if picture else ()) for f in followed(p)]
+    follow = [f for p in (picture.problems if picture else ()) for f in list_followed(p)]
     costs = of_most_problems(broad(results, site.frontiers))
     for name, runs in by_solver(results.runs).items():
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
@@ -124,5 +124,5 @@ def _options(runs: Sequence[Run]) -> list[Option]:
 
 def _reasons(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
     """Runs that did not succeed, grouped by how they ended; the most frequent ending first."""
-    found = grouped((c for c in runs if not c.succeeded), lambda c: c.status)
+    found = group_by((c for c in runs if not c.succeeded), lambda c: c.status)
     return sorted(found.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))

@@ -21,7 +21,7 @@ SCRIPTS = (
 
 def write(results: Results, site: Site) -> Page | None:
     """Write every theatre; the first page, or None if no run has poses."""
-    stages = {p.slug: t for p in _shown(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
+    stages = {p.slug: t for p in _list_variants(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
     level = fair([t.size for t in stages.values()], ALL_BYTES)
     pages = []
     for variant in results.variants:
@@ -39,7 +39,7 @@ def write(results: Results, site: Site) -> Page | None:
     return pages[0] if pages else None
 
 
-def _shown(results: Results) -> list[Variant]:
+def _list_variants(results: Results) -> list[Variant]:
     """Variants, but not those that show the motion of another one once more; the plain comparison's, then others."""
     plain = {p.problem for p in results.variants if not same_motion(p)}
     found = [p for p in results.variants if not same_motion(p) or p.problem not in plain]

@@ -66,15 +66,15 @@ def march(
             if stopped is not None:
                 raise stopped
             if spool is not None and spool.due():
-                parts, t = [_joined(parts)], [np.concatenate(t)]
+                parts, t = [_join_states(parts)], [np.concatenate(t)]
                 spool.take(t[0][spool.rows :], parts[0].at(slice(spool.rows, n + 1)))
     except StepFailure as failure:
         status, message = failure.status, f"stopped at t = {t[-1][-1]:.6g} s: {failure.message}"
     counters = {"steps": n}
     return Trajectory(
-        np.concatenate(t), _joined(parts), status, message, counters, notes=notes, cpu_time=cpu, setup_time=setup
+        np.concatenate(t), _join_states(parts), status, message, counters, notes=notes, cpu_time=cpu, setup_time=setup
     )
 
 
-def _joined(parts: list[States]) -> States:
+def _join_states(parts: list[States]) -> States:
     return States(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("r", "R", "v", "Omega")))

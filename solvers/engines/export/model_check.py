@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from ....harness.mechanics.dynamics import accelerations
 from ....harness.mechanics.jacobian import independent_rows
-from ....harness.mechanics.motion import applied, kinetic_energy, potential_energy
+from ....harness.mechanics.motion import applied_loads, kinetic_energy, potential_energy
 from ....harness.mechanics.state import States
 from ....harness.types import Problem
 
@@ -46,7 +46,7 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     rates = accelerations(system, start)
     exact = np.concatenate((rates.v_dot, rates.Omega_dot), axis=1)
     theirs = model.bias + (T @ _rigid(model, exact)).reshape(-1, 6)
-    load = applied(system, States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)))[0]
+    load = applied_loads(system, States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)))[0]
     rest_forces = T.T @ load.ravel()
     largest = _rates(one, np.concatenate((exact, load[:, :3] / system.mass[:, None]), axis=1))
     kinetic, potential = float(kinetic_energy(system, one)[0]), float(potential_energy(system, one)[0])
@@ -76,7 +76,7 @@ def model_refusal(engine: str, problem: Problem, model: EngineModel, same: float
 
 
 def rank(G: Float[np.ndarray, "nl nu"], largest: float = 0.0) -> int:
-    """Of constraint rows; of entries beside ``largest``, those that are rounding hold nothing."""
+    """Rank of constraint rows; entries that are rounding beside ``largest`` count as zero."""
     size = np.linalg.svd(G, compute_uv=False) if G.size else np.zeros(1)
     return int(np.sum(size > DEPENDENT * max(size[0], largest)))
 

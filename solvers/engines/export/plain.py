@@ -1,4 +1,4 @@
-"""What an engine is given, by names and numbers alone."""
+"""The model that an engine gets, by names and numbers alone."""
 
 from dataclasses import fields
 from typing import Any

@@ -117,7 +117,7 @@ class Model:
         return rows
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Of rows (q, u)."""
+        """States of the bodies from rows (q, u)."""
         nq = len(self.tree.start)
         return self.tree.states(rows[:, :nq], rows[:, nq:])
 
@@ -137,7 +137,7 @@ class Model:
         return EngineModel(**given)
 
     def notes(self) -> tuple[str, ...]:
-        """What was modelled how."""
+        """Notes on how joints and forces were modelled."""
         cuts = f"; {len(self.tree.cuts)} points of cut joints" if self.tree.cuts else ""
         return (
             f"{len(self.tree.limbs)} bodies as a tree of {len(self.tree.start_velocity)} velocities{cuts}",

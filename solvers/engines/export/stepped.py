@@ -44,7 +44,7 @@ class Stepped(Adapter):
 
     @property
     def allowed(self) -> float:
-        """Of the largest acceleration."""
+        """Allowed difference of accelerations, as a part of the largest."""
         return ALLOWED * self.eps ** (2.0 * self.power)
 
     @property
@@ -73,7 +73,7 @@ class Bodies(Model):
     """A model whose rows are of bodies."""
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Of rows of bodies."""
+        """States from rows of bodies."""
         by_body = rows.reshape(len(rows), len(self.tree.limbs), 13)
         R = matrices(by_body[..., 3:7].reshape(-1, 4)).reshape(*by_body.shape[:2], 3, 3)
         return States(by_body[..., :3], R, by_body[..., 7:10], by_body[..., 10:])

@@ -140,9 +140,9 @@ class Tree:
             relative = own_u if limb.kind is Kind.BALL else rate * limb.axis
             carried = Omega[:, p] + first_rate * limb.axis_parent * turns_first
             Omega[:, b] = np.einsum("tji,tj->ti", turn, carried) + relative
-            r[:, b] = r[:, p] + _turned(R[:, p], limb.s_parent + way) - R[:, b] @ limb.s_child
-            v[:, b] = v[:, p] + _turned(R[:, p], np.cross(Omega[:, p], limb.s_parent + way) + way_rate)
-            v[:, b] -= _turned(R[:, b], np.cross(Omega[:, b], limb.s_child))
+            r[:, b] = r[:, p] + _rotate(R[:, p], limb.s_parent + way) - R[:, b] @ limb.s_child
+            v[:, b] = v[:, p] + _rotate(R[:, p], np.cross(Omega[:, p], limb.s_parent + way) + way_rate)
+            v[:, b] -= _rotate(R[:, b], np.cross(Omega[:, b], limb.s_child))
         return States(r[:, :nb], R[:, :nb], v[:, :nb], Omega[:, :nb])
 
     def jacobian(self) -> Float[np.ndarray, "twists nu"]:
@@ -205,7 +205,9 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
                              "spherical and revolute joints can close")  # fmt: skip
     q, u = np.zeros(sizes[0]), np.zeros(sizes[1])
     for limb in limbs:
-        q[limb.q_at : limb.q_at + limb.kind.nq], u[limb.u_at : limb.u_at + limb.kind.nu] = _own(limb, start)
+        q[limb.q_at : limb.q_at + limb.kind.nq], u[limb.u_at : limb.u_at + limb.kind.nu] = _start_coordinates(
+            limb, start
+        )
     bare = Tree(tuple(limbs), (), q, u)
     return Tree(bare.limbs, _coincidences(system, start, cut, bare._unit_motions()), q, u)
 
@@ -265,7 +267,7 @@ def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int,
     return Limb(body, parent, kind, s_parent, s_child, axis, axis_parent, R_0, q_at, u_at)
 
 
-def _own(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:
+def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates and velocities of a limb at the start."""
     b, p = limb.body, limb.parent
     if limb.kind is Kind.FREE:
@@ -306,9 +308,9 @@ def _gap_rates(unit: States, cuts: Sequence[Coincidence]) -> Float[np.ndarray, "
 
 
 def matrices(q: Float[np.ndarray, "nt 4"]) -> Float[np.ndarray, "nt 3 3"]:
-    """Of quaternions (w, x, y, z)."""
+    """Rotation matrices of quaternions (w, x, y, z)."""
     return Rotation.from_quat(q, scalar_first=True).as_matrix()
 
 
-def _turned(R: np.ndarray, a: np.ndarray) -> np.ndarray:
+def _rotate(R: np.ndarray, a: np.ndarray) -> np.ndarray:
     return np.einsum("tij,tj->ti", R, a)

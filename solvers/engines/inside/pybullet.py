@@ -184,7 +184,7 @@ COLUMNS = (
 
 
 def _matrix(p: Any) -> np.ndarray:
-    """Of a quaternion (x, y, z, w)."""
+    """Rotation matrix of a quaternion (x, y, z, w)."""
     x, y, z, w = p
     return np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

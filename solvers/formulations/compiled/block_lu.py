@@ -5,7 +5,7 @@ contiguous in the columns of q), inverts its pivot block and leaves its panel of
 docs/decisions/block-lu.md.
 """
 
-from .entries import fused
+from .entries import inner_fused
 
 
 def factor(lu):
@@ -18,7 +18,7 @@ def solve(lu):
     _solve(lu, lu.x)
 
 
-@fused
+@inner_fused
 def _factor(lu):
     blocks, state = lu.blocks, lu.state
     W, panel, inverse, low, strip = lu.dense, lu.panel, lu.pivot_inverse, lu.low, lu.strip
@@ -65,7 +65,7 @@ def _factor(lu):
             break
 
 
-@fused
+@inner_fused
 def _combine(low, k, a, panel, o, inner, w, strip):
     """strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes (rows of the panel are w long, from o)."""
     if inner < 3 or inner == 4:
@@ -93,7 +93,7 @@ def _combine(low, k, a, panel, o, inner, w, strip):
             strip[c] += x5 * panel[o + 5 * w + c]
 
 
-@fused
+@inner_fused
 def _solve(lu, x):
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
     panel_start, low_start, low_node = lu.panel_start, lu.low_start, lu.low_node
@@ -125,7 +125,7 @@ def _solve(lu, x):
             x[own + a] = total
 
 
-@fused
+@inner_fused
 def invert(A, m, pivots, swapped):
     """A := A^-1 (m x m) by Gauss-Jordan with row pivoting, |pivots| kept; returns the smallest, 0 when singular."""
     smallest = 1e300

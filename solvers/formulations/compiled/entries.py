@@ -67,7 +67,7 @@ def inner(function: Callable[..., Any]) -> Any:
     return Inner(function, {"forceinline": True})
 
 
-def fused(function: Callable[..., Any]) -> Any:
+def inner_fused(function: Callable[..., Any]) -> Any:
     """As ``inner``, products and sums in one rounding: linear algebra."""
     return Inner(function, {"forceinline": True, "fastmath": {"contract"}})
 
@@ -91,10 +91,10 @@ class Bound(Program):
     """A compiled function with its bundle: to be called from Python, or from compiled code by ``run(bound.entry)``."""
 
     def __init__(self, function: Callable[..., None], bundle: Any) -> None:
-        """Of the bundle, only fields that the function names are handed over."""
+        """Hand over only those fields of the bundle that the function names."""
         name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
-        part = narrowed(bundle, reach(function).names)
-        code = _compiled(function, name, part)
+        part = select_fields(bundle, reach(function).names)
+        code = _compile_entry(function, name, part)
         self.words = np.array(words_of(part), dtype=np.int64)
         super().__init__([(code.address(name), [self.words])], keeps=(code, bundle))
 
@@ -102,13 +102,13 @@ class Bound(Program):
         self.run()
 
 
-def narrowed(bundle: Any, names: frozenset[str]) -> Any:
+def select_fields(bundle: Any, names: frozenset[str]) -> Any:
     """The fields of a bundle, and of bundles in it, that are among ``names``; ValueError where one has its default."""
     for name, none in getattr(bundle, "_field_defaults", {}).items():
         if name in names and getattr(bundle, name) == none:
             raise ValueError(f"a function names {name!r}, which its {type(bundle).__name__} does not have")
     found = {
-        name: narrowed(x, names) if isinstance(x, tuple) else x
+        name: select_fields(x, names) if isinstance(x, tuple) else x
         for name, x in zip(bundle._fields, bundle, strict=True)
         if name in names
     }
@@ -124,7 +124,7 @@ def _kind(name: str, fields: tuple[str, ...]) -> Callable[..., Any]:
 _CODES: dict[str, Code] = {}
 
 
-def _compiled(function: Callable[..., None], name: str, bundle: Any) -> Code:
+def _compile_entry(function: Callable[..., None], name: str, bundle: Any) -> Code:
     key = f"{name}\0{reach(function).digest}\0{layout_of(bundle)}"
     if key not in _CODES:
 
@@ -138,7 +138,7 @@ def _compiled(function: Callable[..., None], name: str, bundle: Any) -> Code:
 
 
 class Reach(NamedTuple):
-    """What a compiled function consists of."""
+    """Parts of a compiled function."""
 
     digest: str  # of its bytecode and that of all functions that it calls, of constants, and of versions
     names: frozenset[str]  # of attributes in them
@@ -146,7 +146,7 @@ class Reach(NamedTuple):
 
 @cache
 def reach(function: Callable[..., None]) -> Reach:
-    """Of ``function`` and all that it calls; comments and docstrings do not count."""
+    """Digest of ``function`` and of all that it calls, without comments and docstrings."""
     digest = hashlib.sha256(f"{sys.version} {_numba_version()}".encode() + b"".join(f.read_bytes() for f in MAKERS))
     names: set[str] = set()
     seen: list[Callable[..., Any]] = [function]

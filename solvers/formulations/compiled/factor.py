@@ -9,7 +9,7 @@ exact for right-hand sides that belong to a motion. The rank may change with the
 import math
 
 from .blocks import WIDTH
-from .entries import fused
+from .entries import inner_fused
 
 DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weakest true pivots of our problems are 1e-4
 
@@ -34,7 +34,7 @@ def solve_points(k):
     _solve(k, 3)
 
 
-@fused
+@inner_fused
 def _factorise(k, W):
     """S into ``k.L``, then its block Cholesky factor in place; ``k.state.rank`` is the number of rows kept.
 
@@ -85,7 +85,7 @@ def _factorise(k, W):
     k.state.rank = rank
 
 
-@fused
+@inner_fused
 def _solve(k, W):
     b, L, x, nj = k.blocks, k.L, k.rhs, len(k.blocks.joint)
     for col in range(nj):
@@ -116,7 +116,7 @@ def _solve(k, W):
             x[row + a] = y * L[d, a, a]
 
 
-@fused
+@inner_fused
 def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
     """L_p += X J^-1 X^T of two joints at one body."""
     for a in range(height):
@@ -125,7 +125,7 @@ def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
             L[p, a, c] += x0 * Y[ec, to + c, 0] + x1 * Y[ec, to + c, 1] + x2 * Y[ec, to + c, 2]
 
 
-@fused
+@inner_fused
 def _add_translations(way, at, to, height, size, weight, L, p):
     """L_p += weight f_a . f_c: joints with rows that are no point rows."""
     for a in range(height):
@@ -134,7 +134,7 @@ def _add_translations(way, at, to, height, size, weight, L, p):
             L[p, a, c] += weight * (f0 * way[to + c, 0] + f1 * way[to + c, 1] + f2 * way[to + c, 2])
 
 
-@fused
+@inner_fused
 def _divide(L, p, d, size, height):
     """L_p := L_p L_d^-T"""
     for a in range(height):
@@ -145,7 +145,7 @@ def _divide(L, p, d, size, height):
             L[p, a, c] = x * L[d, c, c]
 
 
-@fused
+@inner_fused
 def _subtract(L, p, x, row, size, at, height):
     """x[at:] -= L_p x[row:]"""
     for a in range(height):
@@ -155,7 +155,7 @@ def _subtract(L, p, x, row, size, at, height):
         x[at + a] -= y
 
 
-@fused
+@inner_fused
 def _subtract_transposed(L, p, x, row, size, at, height):
     """x[row:] -= L_p^T x[at:]"""
     for a in range(height):
@@ -164,7 +164,7 @@ def _subtract_transposed(L, p, x, row, size, at, height):
             x[row + q] -= L[p, a, q] * y
 
 
-@fused
+@inner_fused
 def _diagonal(L, d, size, diagonal, row):
     """Cholesky of one diagonal block, its diagonal inverted."""
     kept = 0

@@ -96,7 +96,7 @@ ENTRIES = tuple(Kernel._field_defaults)
 
 
 class Part(NamedTuple):
-    """What has one block of S: rows lo to hi of a joint."""
+    """Rows lo to hi of a joint, which have one block of S."""
 
     kind: int
     lo: int

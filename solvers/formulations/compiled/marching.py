@@ -48,7 +48,7 @@ class Record(NamedTuple):
 
 
 class March(NamedTuple):
-    """What a march reads and writes."""
+    """State of a march: what it reads and writes."""
 
     control: Any  # record
     kernel: Kernel
@@ -92,7 +92,7 @@ def march(m):
                 continue
             c.outcome = c.status
             break
-        if c.adaptive and not _accepted(c):
+        if c.adaptive and not _accept_step(c):
             if c.outcome != FULL:
                 break
             continue
@@ -146,7 +146,7 @@ def _next_end(c, k):
         if c.place + 1 < parts:
             return base + (c.place + 1) * part
         return c.t_end if whole == left else (c.grid + 1) * c.dt
-    end = _paced(c, k)
+    end = _advance_pace(c, k)
     if not end > c.t:
         c.outcome = FINISHED
     c.h = end - c.t
@@ -166,7 +166,7 @@ def _advance(c):
 
 
 @inner
-def _paced(c, k):
+def _advance_pace(c, k):
     fourth, power = c.rate**4, 0.0
     for b in range(len(k.v)):
         w0, w1, w2 = k.v[b, 3], k.v[b, 4], k.v[b, 5]
@@ -186,7 +186,7 @@ def _paced(c, k):
 
 
 @inner
-def _accepted(c):
+def _accept_step(c):
     """Whether the error is small enough; if not, the next step is cut."""
     if c.error <= 1.0:
         return True

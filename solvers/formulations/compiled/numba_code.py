@@ -205,7 +205,7 @@ def arm(name: str, seen: set[str]) -> None:
     for key, value in list(space.items()):
         if isinstance(value, Inner):
             arm(value.function.__module__, seen)
-            space[key] = _made(value)
+            space[key] = _compile_inner(value)
         elif value is entries.run:
             space[key] = run
         elif value is entries.call_law:
@@ -217,7 +217,7 @@ def arm(name: str, seen: set[str]) -> None:
 
 
 @cache
-def _made(of: Inner) -> Any:
+def _compile_inner(of: Inner) -> Any:
     return numba.njit(**OPTIONS, **of.options)(of.function)
 
 

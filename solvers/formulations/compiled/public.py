@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.mechanics import consistency, dynamics
-from ....harness.mechanics.counting import counted
+from ....harness.mechanics.counting import count_calls
 from ....harness.mechanics.dynamics import Rates
 from ....harness.mechanics.lent import check_idle
 from ....harness.mechanics.state import State
@@ -42,7 +42,7 @@ class _Kept(threading.local):
 _kept = _Kept()
 
 
-@counted(factorises=True)
+@count_calls(factorises=True)
 def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
     """Rates (nb, 3) of v [m/s2, space] and Omega [rad/s2, body], and reactions (nrows,) of index 1 at a state.
 

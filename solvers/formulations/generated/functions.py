@@ -1,4 +1,4 @@
-"""What machine code is made of: functions of whole arrays, and loops over elements of one kind."""
+"""Parts of machine code: functions of whole arrays, and loops over elements of one kind."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ takes grows faster than the number of operations in one function. Products may b
 from collections.abc import Iterator
 
 from .functions import Array, Loop, Recorded, Straight, record_function
-from .tape import needed
+from .tape import find_needed
 
 PART = 1500  # operations
 TABLED = ("gathered", "blocks", "added", "added_blocks")  # accessed through a table of places
@@ -34,7 +34,7 @@ class _Printer:
     def __init__(self, name: str, recorded: Recorded, loops: bool, callees: dict[str, None]) -> None:
         self._name, self._recorded, self._loops, self._callees = name, recorded, loops, callees
         self._operations = recorded.tape.operations
-        live = needed(recorded.tape, [number for result in recorded.results for number in result])
+        live = find_needed(recorded.tape, [number for result in recorded.results for number in result])
         self._live = [k for k in live if self._operations[k].name not in ("constant", "input")]
         self._defined = set(self._live)
         self._slots: dict[int, int] = {}  # place of a number in the array between parts

@@ -132,7 +132,7 @@ def record(tape: Tape, function: ca.Function, inputs: list[list[int]]) -> list[l
     return outputs
 
 
-def needed(tape: Tape, results: list[int]) -> list[int]:
+def find_needed(tape: Tape, results: list[int]) -> list[int]:
     """The numbers on which ``results`` depend, in order: what is not among them is dead."""
     live, waiting = set(results), list(results)
     while waiting:

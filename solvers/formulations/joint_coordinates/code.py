@@ -120,7 +120,7 @@ def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", open
     from .motion import Motion
 
     motion = Motion(system, tree, t, y, opened=opened)
-    held, rows, K = loops.held(motion), loops.rows(motion), motion.inertia()
+    held, rows, K = loops.list_ball_rows(motion), loops.rows(motion), motion.inertia()
     n = len(K)
     for k, row in enumerate([*held, *rows], n):
         K[k] = {}
@@ -152,7 +152,7 @@ def _functions(system: MultibodySystem, tree: Tree) -> "tuple[dict[str, Straight
     u_dot = _column([x[k] for k in range(nu)])
     lam = _column([-x.get(k, ca.SX(0)) for k in range(first, first + len(rows))])
     step = factor.solve({k: -row.phi for k, row in enumerate(rows, first)})
-    q = _normalised(tree, motion.q + motion.q_dot(_column([step[k] for k in range(nu)])) if rows else motion.q)
+    q = _normalise(tree, motion.q + motion.q_dot(_column([step[k] for k in range(nu)])) if rows else motion.q)
     moved = Motion(system, tree, t, ca.vertcat(q, y[nq:]))
     after = loops.rows(moved)
     step = factor.solve({k: -row.rate for k, row in enumerate(after, first)})
@@ -229,7 +229,7 @@ def _drop_rounding(K: dict[int, dict[int, float]], nu: int) -> dict[int, dict[in
     return K
 
 
-def _normalised(tree: Tree, q: "ca.SX") -> "ca.SX":
+def _normalise(tree: Tree, q: "ca.SX") -> "ca.SX":
     import casadi as ca
 
     out = ca.SX(q)
@@ -251,7 +251,7 @@ def _column(x: list[Any]) -> "ca.SX":
 
 
 def _digest(system: MultibodySystem, tree: Tree) -> str:
-    """Of all numbers of a system and of its tree."""
+    """Digest of all numbers of a system and of its tree."""
     digest = hashlib.sha256(repr([limb[:4] for limb in tree.limbs]).encode())
     arrays = {field.name: getattr(system, field.name) for field in fields(system)}
     arrays |= {f"limb {k} {n}": a for k, limb in enumerate(tree.limbs) for n, a in limb._asdict().items()}

@@ -11,7 +11,7 @@ from ....harness.mechanics.jacobian import constraint_jacobian
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from .elimination import Matrix, NoInertia, find_order
-from .tree import Tree, snapped, spanning_tree
+from .tree import Tree, snap, spanning_tree
 
 OF_AN_ENTRY, OF_A_BALL, OF_A_BODY, OF_A_PRODUCT = 3, 150, 30, 6  # of H; and of the elimination
 MOST_BODIES = 1000  # these alone take ``OF_A_BODY`` each
@@ -42,7 +42,7 @@ def _matrix(system: MultibodySystem, tree: Tree, start: State) -> Matrix:
     H += np.einsum("bij,bix,bjy->xy", system.regular_inertia, Omega, Omega, optimize=True)
     rows = np.concatenate([np.arange(system.row_start[k], system.row_start[k + 1]) for k in tree.cuts])
     J = np.asarray(constraint_jacobian(system, start)[rows] @ T.reshape(-1, tree.nu))
-    H, J = snapped(H), snapped(J)
+    H, J = snap(H), snap(J)
     K: Matrix = {k: {int(u): float(column[u]) for u in np.flatnonzero(column)} for k, column in enumerate(H)}
     for k, row in enumerate(J, tree.nu):
         K[k] = {int(u): float(row[u]) for u in np.flatnonzero(row)}

@@ -30,8 +30,8 @@ from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
 from ..rows.kept import _texts as texts
-from .code import MOST_OPERATIONS, _column, _digest, _equations, _evaluate, _normalised, _own_text, _parts, too_large
-from .tree import Limb, Tree, snapped
+from .code import MOST_OPERATIONS, _column, _digest, _equations, _evaluate, _normalise, _own_text, _parts, too_large
+from .tree import Limb, Tree, snap
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -98,7 +98,7 @@ def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict
 
     moving, resting = (Motion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
     energy = _kinetic_energy(moving)
-    forces = _lowered(tree, x, ca.gradient(energy, y)[:nq]) - _loads(moving, resting)
+    forces = _project_momenta(tree, x, ca.gradient(energy, y)[:nq]) - _loads(moving, resting)
     phi, lam = _column([row.phi for row in rows]), ca.SX.sym("lam", len(kept) + (len(balls) if radial else 0))
     gradient = ca.gradient(ca.dot(phi, lam[: len(kept)]), y)[:nq] if rows else ca.SX.zeros(nq)
     impulse = {k: pi[k] for k in range(nu)}
@@ -108,20 +108,23 @@ def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict
     def at(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
         """Expressions in unit quaternions at ``q``, velocities and momenta."""
         values = ca.Function("at", [t, y, pi, lam], list(outputs))
-        out = values(t, ca.vertcat(_normalised(tree, q), velocities), momenta, lam)
+        out = values(t, ca.vertcat(_normalise(tree, q), velocities), momenta, lam)
         return list(out) if isinstance(out, tuple) else [out]
 
-    rest, lowered = ca.SX.zeros(nu), _lowered(tree, q, p)
+    rest, lowered = ca.SX.zeros(nu), _project_momenta(tree, q, p)
     (velocities,) = at([_column([moved[k] for k in range(nu)])], rest, lowered)
     (forces,) = at([forces], velocities, lowered)
     phi, gradient, held, mu, L = at(
         [
-            phi, _lowered(tree, x, gradient), _column([closed[k] for k in range(nu)]),
+            phi, _project_momenta(tree, x, gradient), _column([closed[k] for k in range(nu)]),
             _column([closed[k] for k in kept]), _column(_entries(whole)),
         ], rest, lowered,
     )  # fmt: skip
-    q_dot, p_dot = _turned(tree, q, velocities), _lifted(tree, q, forces) + _turned(tree, p, velocities, slides=0.0)
-    push = _lifted(tree, q, gradient)
+    q_dot, p_dot = (
+        _coordinate_rates(tree, q, velocities),
+        _lift_momenta(tree, q, forces) + _coordinate_rates(tree, p, velocities, slides=0.0),
+    )
+    push = _lift_momenta(tree, q, gradient)
     entries, rhs = ca.SX.sym("L", L.numel()), lam
     corrected = _of_entries(whole, entries).solve({k: rhs[n] for n, k in enumerate(kept)})
     solved = [-corrected[k] for k in kept]
@@ -136,12 +139,12 @@ def _functions(system: MultibodySystem, tree: Tree, radial: bool) -> "tuple[dict
         solved.append(rhs[n] / alpha)
     functions = {
         "stage": Straight([t, q, p], [q_dot, p_dot]),
-        "enter": Straight([y], [_lifted(tree, x, ca.gradient(energy, y)[nq:])]),
+        "enter": Straight([y], [_lift_momenta(tree, x, ca.gradient(energy, y)[nq:])]),
         "gaps": Straight([t, q], [phi]),
         "push": Straight([t, q, lam], [push]),
         "factor": Straight([t, q], [L]),
         "solve": Straight([entries, rhs], [_column(solved)]),
-        "close": Straight([t, q, p], [ca.vertcat(_normalised(tree, q), held), mu]),
+        "close": Straight([t, q, p], [ca.vertcat(_normalise(tree, q), held), mu]),
     }
     return functions, lam.numel(), L.numel()
 
@@ -153,7 +156,7 @@ def _kinetic_energy(motion: "Motion") -> "ca.SX":
     for b in motion.limb:
         F, system = motion.tree.frames[b], motion.system
         v, turn = motion.v[b] + ca.cross(motion.omega[b], motion.centre[b]), motion.R[b].T @ motion.omega[b]
-        inertia = ca.SX(ca.DM(snapped(F @ system.regular_inertia[b] @ F.T)))
+        inertia = ca.SX(ca.DM(snap(F @ system.regular_inertia[b] @ F.T)))
         T += 0.5 * (system.mass[b] * ca.dot(v, v) + ca.dot(turn, inertia @ turn))
     return T
 
@@ -168,12 +171,12 @@ def _quaternion(limb: Limb) -> slice:
 
 
 def _parts_of(limb: Limb, u: "ca.SX") -> "tuple[ca.SX, ca.SX]":
-    """Of slides, and of turns."""
+    """Rates of slides, and rates of turns."""
     ns = len(limb.slides)
     return u[limb.u_at : limb.u_at + ns], u[limb.u_at + ns : limb.u_at + limb.sizes[1]]
 
 
-def _turned(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -> "ca.SX":
+def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -> "ca.SX":
     """Rates of coordinates at ``u``; with ``slides = 0``, of quaternions alone."""
     import casadi as ca
 
@@ -190,7 +193,7 @@ def _turned(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -> "ca.SX":
     return out
 
 
-def _lowered(tree: Tree, q: "ca.SX", p: "ca.SX") -> "ca.SX":
+def _project_momenta(tree: Tree, q: "ca.SX", p: "ca.SX") -> "ca.SX":
     """pi of ``p``: the power of p along rates of coordinates is that of pi along velocities."""
     import casadi as ca
 
@@ -204,11 +207,11 @@ def _lowered(tree: Tree, q: "ca.SX", p: "ca.SX") -> "ca.SX":
     return out
 
 
-def _lifted(tree: Tree, q: "ca.SX", pi: "ca.SX") -> "ca.SX":
+def _lift_momenta(tree: Tree, q: "ca.SX", pi: "ca.SX") -> "ca.SX":
     """p of ``pi``, of balls normal to the quaternion."""
     import casadi as ca
 
-    out = _turned(tree, q, pi)
+    out = _coordinate_rates(tree, q, pi)
     for limb in tree.limbs:
         if limb.ball:
             x = q[_quaternion(limb)]

@@ -8,8 +8,8 @@ import numpy as np
 
 from ....harness.mechanics.system import GROUND
 from ..rows.expressions import joint_numbers, row_expressions
-from .motion import ZERO, Motion, Wrench, weighted
-from .tree import Limb, snapped
+from .motion import ZERO, Motion, Wrench, weighted_sum
+from .tree import Limb, snap
 
 
 class Row(NamedTuple):
@@ -26,7 +26,7 @@ def rows(motion: Motion) -> list[Row]:
     out = []
     for k in motion.tree.cuts:
         ends = int(motion.system.joint_i[k]), int(motion.system.joint_j[k])
-        A, phi, phi_t, gamma = _declared(motion, k)
+        A, phi, phi_t, gamma = _evaluate_joint(motion, k)
         below = _meeting(motion, *ends)
         if any(b in motion.opened for e in ends for b in _below(motion, e, below)):
             below = GROUND  # nothing meets there
@@ -45,7 +45,7 @@ def rows(motion: Motion) -> list[Row]:
                 load = Wrench(f, n + ca.cross(c, f))
                 for u, entry in motion.along(b, load, below):
                     J[u] = J.get(u, 0) + entry
-                left = left + _left(motion, b, load, below) if balls else left
+                left = left + _transmit_moment(motion, b, load, below) if balls else left
             if below != GROUND:  # forces are in balance there; moments are not, if a ball passes none on
                 for u, entry in motion.along(below, Wrench(ZERO, left)):
                     J[u] = J.get(u, 0) + entry
@@ -53,7 +53,7 @@ def rows(motion: Motion) -> list[Row]:
     return out
 
 
-def held(motion: Motion) -> list[Row]:
+def list_ball_rows(motion: Motion) -> list[Row]:
     """Rows that hold opened balls: what they free is what P of the parent does; nothing is left of it at rest."""
     out = []
     for b in motion.opened:
@@ -69,7 +69,7 @@ def row_loads(motion: Motion, lam: ca.SX) -> dict[int, Wrench]:
     at = 0
     for k in motion.tree.cuts:
         ends = int(motion.system.joint_i[k]), int(motion.system.joint_j[k])
-        A = _declared(motion, k)[0]
+        A = _evaluate_joint(motion, k)[0]
         load = A.T @ lam[at : at + A.shape[0]]
         at += A.shape[0]
         for e, b in enumerate(ends):
@@ -80,24 +80,24 @@ def row_loads(motion: Motion, lam: ca.SX) -> dict[int, Wrench]:
 
 
 def reaction(motion: Motion, limb: Limb, load: Wrench) -> ca.SX:
-    """Of the rows of a joint of the tree that carries ``load``: they are orthonormal about the point of i."""
-    A = _declared(motion, limb.joint, at_joint=True)[0]
+    """Reactions of the rows of a tree joint that carries ``load``; the rows are orthonormal about the point of i."""
+    A = _evaluate_joint(motion, limb.joint, at_joint=True)[0]
     sign = 1.0 if limb.child_is_i else -1.0
     way = motion.R[limb.parent] @ ca.SX(ca.DM(limb.beside))  # from P to the point of i
     if not limb.child_is_i:
         slides = motion.axes[limb.body].slides
-        way = way - weighted(slides, [motion.q[limb.q_at + k] for k in range(len(slides))])
+        way = way - weighted_sum(slides, [motion.q[limb.q_at + k] for k in range(len(slides))])
     return sign * (A[:, :3] @ load.f + A[:, 3:6] @ (load.n - ca.cross(way, load.f)))
 
 
-def _declared(motion: Motion, k: int, *, at_joint: bool = False) -> tuple[ca.SX, ...]:
+def _evaluate_joint(motion: Motion, k: int, *, at_joint: bool = False) -> tuple[ca.SX, ...]:
     """A, phi, phi_t, gamma of joint k, of V = (v of C, omega) of both ends; A alone with C ``at_joint``."""
     s, ends = motion.system, (int(motion.system.joint_i[k]), int(motion.system.joint_j[k]))
     numbers = joint_numbers(s, np.array([k]))[0]
     i, j = (motion.frame(b).T for b in ends)
     size = float(np.max(np.abs(numbers[:6]), initial=0.0))
     for at, frame in ((0, i), (3, j), (6, i), (9, i), (12, j), (15, j), (18, j)):
-        numbers[at : at + 3] = snapped(numbers[at : at + 3] @ frame, size if at < 6 else 1.0)
+        numbers[at : at + 3] = snap(numbers[at : at + 3] @ frame, size if at < 6 else 1.0)
     if at_joint:
         numbers[:6] = 0.0
     x, V = [], []
@@ -127,7 +127,7 @@ def _below(motion: Motion, b: int, below: int) -> list[int]:
     return path[: path.index(below)]
 
 
-def _left(motion: Motion, b: int, load: Wrench, below: int) -> ca.SX:
+def _transmit_moment(motion: Motion, b: int, load: Wrench, below: int) -> ca.SX:
     """Moment of a load on b that reaches ``below``."""
     while b != below:
         load, b = motion.passed_on(b, load), motion.limb[b].parent

@@ -34,7 +34,7 @@ ROOM, MOST_AT_ONCE = 1_000_000, 1000  # bytes and steps that are recorded before
 
 
 class Bodies(NamedTuple):
-    """What is recorded of an accepted step; the names are those of a kernel."""
+    """Record of an accepted step; the names are those of a kernel."""
 
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)

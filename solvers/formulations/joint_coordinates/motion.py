@@ -20,7 +20,7 @@ from ....harness.mechanics.declaring import Pose
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..rows.expressions import force_numbers, time_function
 from ..rows.symbols import Symbol
-from .tree import Limb, Tree, snapped
+from .tree import Limb, Tree, snap
 
 ZERO = ca.SX.zeros(3)
 DIRECTIONS = {"p_i": "i", "p_j": "j", "u": "i", "n": "j", "p": "i"}  # numbers of forces that are fixed in a body
@@ -67,11 +67,11 @@ class Motion:
         q = [self.q[limb.q_at + k] for k in range(limb.sizes[0])]
         u, u_dot = ([x[limb.u_at + k] for k in range(limb.sizes[1])] for x in (self.u, self._u_dot))
         slides = [R @ ca.SX(ca.DM(a)) for a in limb.slides]
-        L = R @ ca.SX(ca.DM(limb.arm)) + weighted(slides, q)
-        across = weighted(slides, u)
+        L = R @ ca.SX(ca.DM(limb.arm)) + weighted_sum(slides, q)
+        across = weighted_sum(slides, u)
         self.arm[b], self.P[b] = L, self.P[p] + L
         self.v[b] = self.v[p] + ca.cross(omega, L) + across
-        self.a[b] = self.a[p] + self.W[p] @ L + 2.0 * ca.cross(omega, across) + weighted(slides, u_dot)
+        self.a[b] = self.a[p] + self.W[p] @ L + 2.0 * ca.cross(omega, across) + weighted_sum(slides, u_dot)
         turns = []
         if limb.ball:
             R, omega, alpha = _of_quaternion(q[ns:]), ca.vertcat(*u[ns:]), ca.vertcat(*u_dot[ns:])
@@ -82,7 +82,7 @@ class Motion:
                 spin = turns[-1] * u[ns + k]
                 alpha = alpha + ca.cross(omega, spin) + turns[-1] * u_dot[ns + k]
                 omega = omega + spin
-                R = _turned(R, axis, q[ns + k])
+                R = _rotate_about(R, axis, q[ns + k])
         self.R[b], self.omega[b], self.alpha[b], self.axes[b] = R, omega, alpha, Axes(slides, turns)
         self.W[b] = ca.skew(alpha) + omega @ omega.T - ca.dot(omega, omega) * ca.SX.eye(3)
         self.centre[b] = R @ ca.SX(ca.DM(limb.centre))
@@ -120,12 +120,12 @@ class Motion:
         return H
 
     def inertias(self) -> dict[int, ca.SX]:
-        """Of each body about P."""
+        """Inertia of each body about P."""
         out = {}
         for limb in self.tree.limbs:
             b, c, F = limb.body, limb.centre, self.tree.frames[limb.body]
             about_c = F @ self.system.regular_inertia[b] @ F.T
-            J = snapped(about_c + self.system.mass[b] * (c @ c * np.eye(3) - np.outer(c, c)))
+            J = snap(about_c + self.system.mass[b] * (c @ c * np.eye(3) - np.outer(c, c)))
             out[b] = _symmetric(self.R[b] @ ca.SX(ca.DM(0.5 * (J + J.T))), self.R[b])
         return out
 
@@ -183,7 +183,7 @@ class Motion:
         return ca.vertcat(*out) if out else ca.SX(0, 1)
 
     def _gravity(self) -> ca.SX:
-        return ca.SX(ca.DM(snapped(self.tree.base @ self.system.gravity)))
+        return ca.SX(ca.DM(snap(self.tree.base @ self.system.gravity)))
 
     def applied(self) -> dict[int, Wrench]:
         """Springs, dampers and loads on each body."""
@@ -214,7 +214,7 @@ class Motion:
             elif shape:
                 end = DIRECTIONS.get(name) or ("i" if follows else "")
                 frame = self.frame(ends["ij".index(end)]) if end else self.tree.base
-                parts[name] = _symbols(snapped(own.reshape(-1, 3) @ frame.T).reshape(shape))
+                parts[name] = _symbols(snap(own.reshape(-1, 3) @ frame.T).reshape(shape))
             else:
                 parts[name] = Symbol(ca.SX(float(own[0])))
         return SimpleNamespace(**parts)
@@ -229,7 +229,7 @@ class Motion:
         return Pose(*(_symbols(x) for x in (C, self.R[b], v, self.omega[b])))
 
 
-def weighted(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
+def weighted_sum(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
     """Sum of directions times values."""
     out = ZERO
     for a, x in zip(directions, values, strict=False):
@@ -246,7 +246,7 @@ def _of_quaternion(q: Sequence[ca.SX]) -> ca.SX:
     )
 
 
-def _turned(R: ca.SX, axis: np.ndarray, angle: ca.SX) -> ca.SX:
+def _rotate_about(R: ca.SX, axis: np.ndarray, angle: ca.SX) -> ca.SX:
     """R exp(angle hat(axis)): two columns, and the third normal to them."""
     c, s = ca.cos(angle), ca.sin(angle)
     along = np.outer(axis, axis)

@@ -70,7 +70,7 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     """The tree and its cut joints, by the rule above."""
     reached = _breadth_first(system)
     base = _base(system, start, reached)
-    frames = snapped(base @ start.R)
+    frames = snap(base @ start.R)
     ground = [*frames, base]  # the last one is the ground's
     points = np.zeros((system.nb + 1, 3))  # P of each body, in the base frame
     limbs: list[Limb] = []
@@ -85,7 +85,7 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     return tree._replace(start=np.concatenate(_coordinates(tree, start)))
 
 
-def snapped(a: np.ndarray, size: float | None = None) -> np.ndarray:
+def snap(a: np.ndarray, size: float | None = None) -> np.ndarray:
     """``a`` without what is rounding beside ``size``, or beside its largest number."""
     out = np.array(a, dtype=float)
     noise = NOISE * (float(np.max(np.abs(out), initial=0.0)) if size is None else size)
@@ -134,7 +134,7 @@ def _base(system: MultibodySystem, start: State, reached: dict[int, tuple[int, i
         if np.linalg.norm(y) > 1e-6 * max(1.0, float(np.linalg.norm(up))):
             break
     y = y / np.linalg.norm(y)
-    return snapped(np.stack((np.cross(y, z), y, z)))
+    return snap(np.stack((np.cross(y, z), y, z)))
 
 
 def _limb(
@@ -153,10 +153,10 @@ def _limb(
             for e, arm in ((i, s.joint_s_i[k]), (j, s.joint_s_j[k]))]  # fmt: skip
     points[body] = ends[0 if child_is_i else 1]
     direction = {"u": frames[i] @ s.joint_u[k], "n": frames[j] @ s.joint_n[k, 0]}
-    turns, slides = (snapped(np.array([direction[x] for x in xs]).reshape(-1, 3)) for xs in MOTIONS[kind])
+    turns, slides = (snap(np.array([direction[x] for x in xs]).reshape(-1, 3)) for xs in MOTIONS[kind])
     size = float(np.max(np.abs(np.concatenate((s.joint_s_i, s.joint_s_j, start.r))), initial=0.0))
     arm, beside, centre = (
-        snapped(a, size) for a in (points[body] - points[parent], ends[0] - points[body], r - points[body])
+        snap(a, size) for a in (points[body] - points[parent], ends[0] - points[body], r - points[body])
     )  # fmt: skip
     turns = turns if child_is_i else turns[::-1]
     return Limb(body, parent, k, child_is_i, turns, slides, kind == "spherical", arm, beside, centre, 0, 0)

@@ -27,7 +27,7 @@ from ..compiled.entries import inner, run
 from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
-from .iteration import FAILED, MOST_ITERATIONS, settled
+from .iteration import FAILED, MOST_ITERATIONS, has_settled
 from .products import add_scaled, move, set_rates
 
 COUNTERS = ("iterations", "factorisations")
@@ -96,7 +96,7 @@ def step(s):
             c.factorisations += 1
         size = _correct(s, k, h)
         c.iterations += 1
-        state = settled(size, last, s.scheme.tolerance)
+        state = has_settled(size, last, s.scheme.tolerance)
         last = size
         if state != 0:
             break

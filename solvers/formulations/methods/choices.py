@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from ....harness.catalogue.options import option
-from ....harness.mechanics.motion import applied, kinetic_energy
+from ....harness.mechanics.motion import applied_loads, kinetic_energy
 from ....harness.mechanics.state import States
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.types import Problem, StepControl
@@ -82,7 +82,7 @@ def energy_at_hand(problem: Problem) -> float:
     system, start = problem.system, States.one(problem.initial)
     arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))
     size = np.max(np.concatenate((system.gyration, np.linalg.norm(arms, axis=1))))
-    force, torque = np.split(np.linalg.norm(applied(system, start)[0].reshape(-1, 2, 3), axis=2), 2, axis=1)
+    force, torque = np.split(np.linalg.norm(applied_loads(system, start)[0].reshape(-1, 2, 3), axis=2), 2, axis=1)
     found = float(kinetic_energy(system, start)[0] + np.sum(force) * size + np.sum(torque))
     return found or 1.0  # at rest and free of forces: nothing will move
 
@@ -191,7 +191,7 @@ class GaugeChoices:
         return tolerance * root / min(max(root, 1.0), HUGE)
 
     def notes(self, problem: Problem) -> tuple[str, ...]:
-        """What of the options has no effect on the problem."""
+        """Options that have no effect on the problem."""
         if self.settings(problem).corrective and self.gauge != "accumulate":
             return (f"mu is carried on as printed, for C_bar or K_bar is not zero: gauge = {self.gauge} has no effect",)
         return ()

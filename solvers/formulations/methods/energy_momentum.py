@@ -26,7 +26,7 @@ from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from ..compiled.means import Means, make_means
-from .iteration import FAILED, MOST_ITERATIONS, settled
+from .iteration import FAILED, MOST_ITERATIONS, has_settled
 from .products import add_scaled, set_rates
 
 SCHEME = np.dtype([("tolerance", "f8")])
@@ -90,7 +90,7 @@ def step(s):
             c.factorisations += 1
         size = _correct(s, k, m)
         c.iterations += 1
-        state = settled(size, last, s.scheme.tolerance)
+        state = has_settled(size, last, s.scheme.tolerance)
         last = size
         if state != 0:
             break

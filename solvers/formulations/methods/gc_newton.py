@@ -44,7 +44,7 @@ SCHEME = np.dtype(
 
 
 class Terms(NamedTuple):
-    """Of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end."""
+    """Terms of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end."""
 
     nu: Any
     nu_start: Any  # nu0 = gauge nu + nu_start

@@ -11,7 +11,7 @@ from ..rows.kept import wrench_code
 
 
 class Arrays(NamedTuple):
-    """What the loops read and write, beside poses, w and x = rhs of the kernel."""
+    """Arrays that the loops read and write, beside poses, w and x = rhs of the kernel."""
 
     plan: np.ndarray  # (3,) dt/2, B and the gauge: nu0 = gauge nu1 + nu_start
     numbers: np.ndarray  # (nb, 22) m g, m, J^-1, J

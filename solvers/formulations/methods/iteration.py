@@ -9,8 +9,8 @@ GO_ON, SETTLED, FAILED = range(3)
 
 
 @inner
-def settled(size, last, tolerance):
-    """Of residual and correction: below the tolerance and falling no more, or no longer finite.
+def has_settled(size, last, tolerance):
+    """Whether residual and correction are below the tolerance and fall no more, or are no longer finite.
 
     Growth is no failure: errors in poses and velocities may turn into each other before both fall.
     """

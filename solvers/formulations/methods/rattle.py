@@ -21,7 +21,7 @@ from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .free_body import Principal, principal, turn_discretely, turn_freely
-from .iteration import FAILED, MOST_ITERATIONS, SETTLED, settled
+from .iteration import FAILED, MOST_ITERATIONS, SETTLED, has_settled
 
 DAMPER_PASSES = 6
 SCHEME = np.dtype([("tolerance", "f8"), ("damped", "i8"), ("discrete", "i8")])
@@ -109,7 +109,7 @@ def _sub_step(s, k, c, h):
             k.rhs[a] = -k.phi[a] / h
         c.iterations += 1
         size = largest(k.phi)
-        state = settled(size, last, s.scheme.tolerance)
+        state = has_settled(size, last, s.scheme.tolerance)
         if state == FAILED:
             return False
         last = size

@@ -78,7 +78,7 @@ class Mechanism:
 
     def __init__(self, system: MultibodySystem, parts: Sequence[Part], order: Sequence[int]) -> None:
         self.system, self.parts, self.order = system, parts, order
-        self.J_inv = [ca.sparsify(ca.DM(_snapped(a))) for a in np.linalg.inv(system.regular_inertia)]
+        self.J_inv = [ca.sparsify(ca.DM(_snap(a))) for a in np.linalg.inv(system.regular_inertia)]
 
     def state(self) -> State:
         """Symbols."""
@@ -114,7 +114,7 @@ class Mechanism:
         """After one correction of the poses."""
         x = factor.solve({k: -row.phi for k, row in rows.items()})
         change = self._pushed([ca.SX.zeros(6)] * self.system.nb, rows, x)
-        R = [_turned(matrix(at.R[9 * b : 9 * b + 9]), a[3:]) for b, a in enumerate(change)]
+        R = [_turn_by_series(matrix(at.R[9 * b : 9 * b + 9]), a[3:]) for b, a in enumerate(change)]
         return at._replace(r=at.r + ca.vertcat(*[a[:3] for a in change]), R=ca.vertcat(*map(by_rows, R)))
 
     def _rows(self, at: State) -> dict[int, Row]:
@@ -145,7 +145,7 @@ class Mechanism:
     def _loads(self, at: State) -> list[ca.SX]:
         s, out = self.system, list[ca.SX]()
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
-            J = ca.sparsify(ca.DM(_snapped(s.regular_inertia[b])))
+            J = ca.sparsify(ca.DM(_snap(s.regular_inertia[b])))
             out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), -ca.cross(v[3:], J @ v[3:])))
         for kind, declared in forces.DECLARED.items():
             e = push_expressions(kind)
@@ -184,11 +184,11 @@ def _joint_numbers(system: MultibodySystem, joint: int) -> np.ndarray:
     """Numbers of a joint, free of rounding where they are zero."""
     numbers = joint_numbers(system, np.array([joint]))[0]
     for part in (slice(0, 6), slice(6, 12), slice(12, 21)):
-        numbers[part] = _snapped(numbers[part])
+        numbers[part] = _snap(numbers[part])
     return numbers
 
 
-def _snapped(a: np.ndarray) -> np.ndarray:
+def _snap(a: np.ndarray) -> np.ndarray:
     return np.where(np.abs(a) < NOISE * np.max(np.abs(a), initial=0.0), 0.0, a)
 
 
@@ -197,7 +197,7 @@ def _rate(row: Row, w: Sequence[ca.SX]) -> Any:
     return sum((ca.dot(a, w[b]) for b, a in row.A.items()), ca.SX(0))
 
 
-def _turned(R: ca.SX, a: ca.SX) -> ca.SX:
+def _turn_by_series(R: ca.SX, a: ca.SX) -> ca.SX:
     """R exp(hat(a)) of a correction, by series."""
     s: Any = ca.dot(a, a)
     f = g = ca.SX(1)

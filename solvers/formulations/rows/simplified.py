@@ -9,7 +9,7 @@ import numpy as np
 
 from ..generated import Straight
 from .expressions import matrix, pose_rate, row_expressions
-from .mechanism import Mechanism, Part, RankedFactor, State, _column, _ends, _joint_numbers, _rate, _snapped
+from .mechanism import Mechanism, Part, RankedFactor, State, _column, _ends, _joint_numbers, _rate, _snap
 from .wrenches import distinct_entries, measures
 
 IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm is taken
@@ -108,13 +108,13 @@ class SimplifiedStep(Mechanism):
         return self.system.mass[b] * ca.dot(v[:3], v[:3]) + ca.dot(v[3:], self._inertia(b) @ v[3:])
 
     def _inertia(self, b: int) -> ca.DM:
-        return ca.sparsify(ca.DM(_snapped(self.system.regular_inertia[b])))
+        return ca.sparsify(ca.DM(_snap(self.system.regular_inertia[b])))
 
     def _given(self, spun: State, part: Part) -> list[Any]:
         """What ``_wrenches`` reads, but for B."""
         s, bodies = self.system, []
         for b in part.body:
-            J = _snapped(s.regular_inertia[max(b, 0)]), _snapped(np.linalg.inv(s.regular_inertia[max(b, 0)]))
+            J = _snap(s.regular_inertia[max(b, 0)]), _snap(np.linalg.inv(s.regular_inertia[max(b, 0)]))
             numbers = s.mass[b] * s.gravity, s.mass[b : b + 1], J[1].ravel(), J[0].ravel()
             bodies.append(ca.DM(np.concatenate(numbers)) if b >= 0 else ca.DM.zeros(22))
         return [*_ends(spun, part.body), spun.t, _joint_numbers(s, part.joint), *bodies]

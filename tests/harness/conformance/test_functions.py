@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbsbench
-from mbsbench import Parameter, State, States, accelerations, make_problem, moved, project, rhs, solve, step
+from mbsbench import Parameter, State, States, accelerations, advance, make_problem, project, rhs, solve, step
 from mbsbench.harness.mechanics import motion
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
@@ -52,7 +52,7 @@ def test_keywords_are_options():
     @step("lagging")
     def lagging(system, state, dt, *, share: Annotated[float, Parameter("of the step", at_most=1.0)] = 1.0):
         """Free fall."""
-        return moved(state, accelerations(system, state), share * dt)
+        return advance(state, accelerations(system, state), share * dt)
 
     run = solve("torque_free_body", lagging, dt=0.01, t_end=0.1, share=0.5)
     assert run.record.solver_options == '{"share": 0.5}'
@@ -65,11 +65,11 @@ def test_what_goes_wrong_in_a_function_is_a_status_or_names_it():
 
     @step("explodes")
     def explodes(system, state, dt):
-        return moved(state, accelerations(system, state), math.inf if state.r[0, 0] != 0.0 else dt)
+        return advance(state, accelerations(system, state), math.inf if state.r[0, 0] != 0.0 else dt)
 
     @step("forgets")
     def forgets(system, state, dt):
-        moved(state, accelerations(system, state), dt)
+        advance(state, accelerations(system, state), dt)
 
     with np.errstate(all="ignore"):
         run = solve("spherical_pendulum", explodes, dt=0.01, t_end=0.1)

@@ -156,7 +156,7 @@ def test_check_of_nothing_is_a_wrong_call(example, tmp_path, given, capsys, monk
 
 def test_the_misbehaving_plugin_is_loaded_by_file():
     """Files keep working by path."""
-    assert plugins.resolved(str(PLUGIN)) == str(PLUGIN)
+    assert plugins.resolve_plugin(str(PLUGIN)) == str(PLUGIN)
 
 
 def test_kernels_are_compiled_for_problems_of_plugins_too():

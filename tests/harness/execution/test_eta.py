@@ -2,7 +2,7 @@
 
 import pytest
 
-from mbsbench.harness.execution.eta import Estimate, durations, in_words, scheduled
+from mbsbench.harness.execution.eta import Estimate, durations, in_words, schedule_end
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import create, write_record
 from mbsbench.harness.suites.suite import parse_suite
@@ -17,9 +17,9 @@ def specs():
 
 def test_places_take_the_next_in_order():
     """Two places, times 3 2 2 in order beside one that needs 4 more: 4 | 3 + 2 -> then 2 after 4."""
-    assert scheduled([4.0], [3.0, 2.0, 2.0], 2) == 6.0
-    assert scheduled([], [1.0] * 10, 2) == 5.0 and scheduled([], [], 2) == 0.0
-    assert scheduled([9.0], [1.0], 4) == 9.0
+    assert schedule_end([4.0], [3.0, 2.0, 2.0], 2) == 6.0
+    assert schedule_end([], [1.0] * 10, 2) == 5.0 and schedule_end([], [], 2) == 0.0
+    assert schedule_end([9.0], [1.0], 4) == 9.0
 
 
 def test_earlier_times_are_scaled_by_how_today_compares():

@@ -19,7 +19,7 @@ from mbsbench.harness.mechanics.consistency import check_start
 from mbsbench.harness.mechanics.dynamics import RANK, Rates, accelerations, equations
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.mechanics.state import rotated
+from mbsbench.harness.mechanics.state import rotate_states
 
 KNOWN = 1000.0  # largest condition of the equations
 TURN = (0.3, -0.5, 0.7)
@@ -77,7 +77,7 @@ def accelerations_in(form: Form, problem: Problem, rates: Rates) -> State:
         for k, arm in zip((b, s.nb), parts.offsets, strict=True):
             v[k] += start.R[b] @ np.cross(Omega, np.cross(Omega, arm))
         out = replace(out, v=v)
-    turned = rotated(States.one(out), so3.exp(np.array(form.rotation)))[0]
+    turned = rotate_states(States.one(out), so3.exp(np.array(form.rotation)))[0]
     seen = form.plain.state(replace(form, plain=Presentation()).seen(problem).system, turned)
     return replace(seen, v=seen.v / form.plain.unit_time, Omega=seen.Omega / form.plain.unit_time)
 

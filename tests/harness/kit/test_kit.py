@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from mbsbench import States, accelerations, kit, moved
+from mbsbench import States, accelerations, advance, kit
 from mbsbench.harness.kit.cases import make_case
 from mbsbench.harness.kit.conditioning import measure_growth
 from mbsbench.harness.kit.verdict import DEVIATIONS, EVALUATION, UNIT
@@ -47,8 +47,8 @@ def midpoint(change=lambda system: system, dtype=DOUBLE, order=2):
             s = dataclasses.replace(s, **kept)
             yield next(iter(rows(States.one(s))))
             first = accelerations(system, s)
-            rates = first if order == 1 else accelerations(system, moved(s, first, case.dt / 2))
-            s = moved(s, rates, case.dt)
+            rates = first if order == 1 else accelerations(system, advance(s, first, case.dt / 2))
+            s = advance(s, rates, case.dt)
 
     return motion
 

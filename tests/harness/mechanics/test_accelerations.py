@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import mbsbench
-from mbsbench import MultibodySystem, State, States, StepControl, equations, moved
+from mbsbench import MultibodySystem, State, States, StepControl, advance, equations
 from mbsbench.harness.catalogue.registry import make_problem, make_solver, problems
 from mbsbench.harness.mechanics import consistency, dynamics, index1, motion
-from mbsbench.harness.mechanics.consistency import perturbed, project
+from mbsbench.harness.mechanics.consistency import perturb, project
 from mbsbench.harness.mechanics.counting import Count, counting
 
 from ...solvers.arbitrary_systems import consistent, with_user_forces
@@ -45,7 +45,7 @@ def test_large_systems_are_solved_to_rounding(name):
     system, one = problem.system, problem.initial
     s = States(one.r[None], one.R[None], one.v[None], one.Omega[None])
     found = index1.index_1(system, s)
-    f = motion.applied(system, s)
+    f = motion.applied_loads(system, s)
     f[..., 3:] -= np.cross(one.Omega, np.einsum("bij,bj->bi", system.inertia, one.Omega))
     Ma = np.concatenate((system.mass[:, None] * found.a[..., :3],
                          np.einsum("bij,tbj->tbi", system.inertia, found.a[..., 3:])), axis=-1)  # fmt: skip
@@ -64,10 +64,10 @@ def test_redundant_rows_stay_redundant_in_a_stage_off_the_constraints(accelerati
     problem = make_problem("bricard")
     system, s = problem.system, problem.initial
     for _ in range(40):
-        s = project(system, moved(s, accelerations(system, moved(s, accelerations(system, s), 1.25e-3)), 2.5e-3))
+        s = project(system, advance(s, accelerations(system, advance(s, accelerations(system, s), 1.25e-3)), 2.5e-3))
     off = []
     for h in (0.02, 0.01):
-        stage = moved(s, accelerations(system, s), h)
+        stage = advance(s, accelerations(system, s), h)
         there, on = accelerations(system, stage), accelerations(system, project(system, stage))
         off.append(np.max(np.abs(there.v_dot - on.v_dot)))
     assert 3.0 < off[0] / off[1] < 5.0 and off[0] < 1.0
@@ -92,7 +92,7 @@ REDUNDANT = ("andrews", "bricard", "four_bar_grid")
 
 def started(name: str, seed: int) -> tuple[MultibodySystem, State]:
     problem = make_problem(name)
-    return problem.system, perturbed(problem.system, problem.initial, 1e-2, seed)
+    return problem.system, perturb(problem.system, problem.initial, 1e-2, seed)
 
 
 def both(rates: mbsbench.Rates) -> np.ndarray:
@@ -104,7 +104,9 @@ def check_against_judge(system: MultibodySystem, s: State) -> None:
     size = np.max(np.abs(judged.a)) + np.max(s.Omega**2)
     assert np.max(np.abs(both(rates) - judged.a[0])) < JUDGED * size
     load = mbsbench.constraint_jacobian(system, s).T @ rates.reaction
-    most = size * (np.max(system.mass) + np.max(system.inertia)) + np.max(np.abs(motion.applied(system, States.one(s))))
+    most = size * (np.max(system.mass) + np.max(system.inertia)) + np.max(
+        np.abs(motion.applied_loads(system, States.one(s)))
+    )
     assert np.max(np.abs(load - judged.load[0].ravel()), initial=0.0) < JUDGED * most
 
 
@@ -133,7 +135,7 @@ def test_rows_are_given_what_is_asked_of_phi_ddot(name: str) -> None:
 @pytest.mark.parametrize("name", ["heavy_top", "four_bar_grid", "bricard", "driven_slider_crank"])
 def test_project_reaches_the_state_of_the_harness(name: str) -> None:
     system, s = started(name, 4)
-    off = dynamics.moved(s, mbsbench.accelerations(system, s), 1e-2)
+    off = dynamics.advance(s, mbsbench.accelerations(system, s), 1e-2)
     assert np.max(np.abs(motion.constraint(system, States.one(off)))) > 1e-10
     found, known = mbsbench.project(system, off), consistency.project(system, off)
     for x, y in ((found.r, known.r), (found.R, known.R), (found.v, known.v), (found.Omega, known.Omega)):

@@ -10,7 +10,7 @@ from mbsbench.harness.catalogue.registry import in_frame
 from mbsbench.harness.mechanics import motion, so3, time_functions, work
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.dynamics import accelerations
-from mbsbench.harness.mechanics.dynamics import moved as along
+from mbsbench.harness.mechanics.dynamics import advance as along
 from mbsbench.harness.mechanics.joints import DECLARED, JointKind, MovingKind
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.reference.directors import Directors
@@ -143,7 +143,7 @@ def test_the_symbolic_rows_are_those_of_motion(name, coordinates) -> None:
     assert np.max(np.abs((ahead - behind) / (2.0 * STEP) - here.M_bar_dot)) < DIFFERENCES * largest
     if name == "joints":
         weights = form.pattern.matrix(form._motion.values(unknowns(state), np.zeros(at.n_u))[form._slices[8]])
-        assert np.max(np.abs(here.f_bar - weights @ motion.applied(system, one)[0].ravel())) < 1e-9
+        assert np.max(np.abs(here.f_bar - weights @ motion.applied_loads(system, one)[0].ravel())) < 1e-9
 
 
 @pytest.mark.parametrize("name", ["joints", "linkage", "user forces"])

@@ -54,7 +54,7 @@ def test_what_is_applied_is_the_law(seed: int) -> None:
     """Compiled and called by address, or as Python: force in space, torque in the body."""
     s = arbitrary(SYSTEM, seed)
     state = State(s.r, s.R, s.v, s.Omega, 0.4 + seed)
-    found = motion.applied(SYSTEM, States.one(state))[0]
+    found = motion.applied_loads(SYSTEM, States.one(state))[0]
     F, T = np.swapaxes(forces(SYSTEM, state), 0, 1)
     assert np.max(np.abs(found[:, :3] - F - SYSTEM.mass[:, None] * SYSTEM.gravity)) < 1e-12
     assert np.max(np.abs(found[:, 3:] - np.einsum("bij,bi->bj", state.R, T))) < 1e-12
@@ -142,7 +142,7 @@ def force_of(law) -> np.ndarray:
     """On the first of two bodies a metre apart, at 1 m/s."""
     system = assemble([RigidBody(1.0, np.eye(3))] * 2, user_forces=[UserForce(law, 0, 1)])
     r, v = np.array([[1.0, 0, 0], [0, 0, 0]]), np.array([[1.0, 0, 0], [0, 0, 0]])
-    return motion.applied(system, States.one(State(r, np.array([np.eye(3)] * 2), v, np.zeros((2, 3)))))[0, 0, :3]
+    return motion.applied_loads(system, States.one(State(r, np.array([np.eye(3)] * 2), v, np.zeros((2, 3)))))[0, 0, :3]
 
 
 @pytest.fixture

@@ -197,7 +197,7 @@ def test_all_laws_and_sizes_are_those_of_numpy(anywhere, monkeypatch):
     h = np.linspace(0.01, 2.0, len(s) - 1)
 
     def step():
-        end = rows._moved(h, s.at(slice(0, -1)), s.at(slice(1, None)))
+        end = rows._advance(h, s.at(slice(0, -1)), s.at(slice(1, None)))
         return end.r, end.R, end.v, end.Omega
 
     calls = {

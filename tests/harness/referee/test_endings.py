@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.job import Job, unfinished
+from mbsbench.harness.execution.job import Job, record_unfinished
 from mbsbench.harness.referee.claims.endings import Ending, by_budget, by_machine, ending, pace
 from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.sandbox.apart import Ended
@@ -77,7 +77,7 @@ def test_a_process_ended_by_clock_or_memory_is_ended_by_the_machine(killed, limi
     """As the supervisor states it, and in words."""
     job = Job(runs_of('[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\nmemory = 100.0\ncpu_limit = 60.0')[0],
               Path("nowhere"))  # fmt: skip
-    record = unfinished(job, Ended(code, killed, "", peak), 1.0, by, limit)
+    record = record_unfinished(job, Ended(code, killed, "", peak), 1.0, by, limit)
     assert record.ended_by == by and words in words_of_ending(record)
     assert by_machine(record) and ending(record) is Ending.MACHINE
 

@@ -9,12 +9,12 @@ import pytest
 from mbsbench import Problem, Reference, so3
 from mbsbench.harness.catalogue.registry import in_frame, make_problem
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
-from mbsbench.harness.mechanics.state import rotated
+from mbsbench.harness.mechanics.state import rotate_states
 from mbsbench.harness.mechanics.work import power
 from mbsbench.harness.metrics.reactions import DIFFERENCE
-from mbsbench.harness.reference import computed as module
+from mbsbench.harness.reference import compute_reference as module
 from mbsbench.harness.reference import orbit
-from mbsbench.harness.reference.computed import computed, is_computable, reference_of
+from mbsbench.harness.reference.computed import compute_reference, is_computable, reference_of
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 
@@ -51,7 +51,7 @@ def agree(found: Reference, exact: Reference, t: np.ndarray) -> bool:
 def test_it_is_the_exact_motion_within_its_stated_error(name: str) -> None:
     """Theta functions or a planar linkage on one side, full systems in space on the other: no common equation."""
     p = make_problem(*EXACT[name])
-    exact, found = p.reference(), computed(p)
+    exact, found = p.reference(), compute_reference(p)
     assert exact is not None and found is not None and found.horizon == p.t_end
     t = np.linspace(0.0, p.t_end, 101)
     assert np.max(found.error(t) + exact.error(t)) < 1e-10 and agree(found, exact, t)
@@ -82,10 +82,10 @@ def test_a_turned_system_has_the_turned_motion() -> None:
     """Two computations, of other numbers throughout."""
     p = sprung(1.0, 0.2)
     Q = so3.exp(np.array([0.4, -1.1, 0.6]))
-    here, there = computed(p), computed(in_frame(p, Q))
+    here, there = compute_reference(p), compute_reference(in_frame(p, Q))
     assert here is not None and there is not None
     t = np.linspace(0.0, 0.2, 21)
-    gap = rotated(here.states(t), Q).r - there.states(t).r
+    gap = rotate_states(here.states(t), Q).r - there.states(t).r
     assert np.all(np.max(np.linalg.norm(gap, axis=2), axis=1) <= here.error(t) + there.error(t))
 
 
@@ -104,7 +104,7 @@ def test_an_error_in_one_route_is_found_out(route, name, fault, of, monkeypatch,
     monkeypatch.setattr(orbit, "FOLDER", tmp_path)
     monkeypatch.setattr(route, name, fault(getattr(route, name)))
     p = make_problem(*EXACT[of])
-    if (found := computed(p)) is not None:
+    if (found := compute_reference(p)) is not None:
         assert found.horizon < 0.3 * p.t_end
         assert agree(found, p.reference(), np.linspace(0.0, found.horizon, 21))
 
@@ -126,7 +126,7 @@ def test_a_singular_passage_ends_it_without_an_exception(monkeypatch: pytest.Mon
     monkeypatch.setattr(orbit, "FOLDER", tmp_path)
     monkeypatch.setattr(module, "BUDGET", 3.0)  # [s] there the steps shrink until it is spent
     p = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "rate": 8.0, "t_end": 0.25})
-    exact, found = p.reference(), computed(p)
+    exact, found = p.reference(), compute_reference(p)
     assert exact is not None and found is not None
     assert agree(found, exact, np.linspace(0.0, min(found.horizon, exact.horizon), 51))
 
@@ -135,7 +135,7 @@ def test_a_spent_budget_ends_it(monkeypatch: pytest.MonkeyPatch, tmp_path) -> No
     """What was certified until then stays."""
     monkeypatch.setattr(orbit, "FOLDER", tmp_path)
     monkeypatch.setattr(module, "BUDGET", 0.3)
-    found = computed(make_problem("spherical_pendulum", {"omega_z": 3.0, "t_end": 5.0}))
+    found = compute_reference(make_problem("spherical_pendulum", {"omega_z": 3.0, "t_end": 5.0}))
     assert found is not None and 0.0 < found.horizon < 5.0
 
 
@@ -151,32 +151,32 @@ brief = partial(sprung, 0.5, t_end=0.05)  # its reference takes little to comput
 def test_a_second_call_reads(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """Also that there is none is read."""
     monkeypatch.setattr(orbit, "FOLDER", tmp_path)
-    first = computed(brief())
-    monkeypatch.setattr(module, "_agreed", None)
-    again = computed(brief())
+    first = compute_reference(brief())
+    monkeypatch.setattr(module, "_find_agreement", None)
+    again = compute_reference(brief())
     t = np.linspace(0.0, 0.05, 7)
     assert first is not None and again is not None
     assert np.array_equal(first.states(t).r, again.states(t).r)
-    monkeypatch.setattr(module, "_agreed", lambda *_: None)
-    assert computed(brief(t_end=0.06)) is None
-    monkeypatch.setattr(module, "_agreed", None)
-    assert computed(brief(t_end=0.06)) is None
+    monkeypatch.setattr(module, "_find_agreement", lambda *_: None)
+    assert compute_reference(brief(t_end=0.06)) is None
+    monkeypatch.setattr(module, "_find_agreement", None)
+    assert compute_reference(brief(t_end=0.06)) is None
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not an archive", None])
 def test_a_damaged_file_is_computed_anew(damage: bytes | None, monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """Empty, of another kind, or cut in the middle."""
     monkeypatch.setattr(orbit, "FOLDER", tmp_path)
-    first = computed(brief())
+    first = compute_reference(brief())
     (file,) = tmp_path.glob("*.npz")
     file.write_bytes(file.read_bytes()[:2000] if damage is None else damage)
-    again = computed(brief())
+    again = compute_reference(brief())
     assert first is not None and again is not None and np.array_equal(first.orbit.y, again.orbit.y)
 
 
 def _compute(folder, queue) -> None:
     orbit.FOLDER = folder
-    found = computed(brief())
+    found = compute_reference(brief())
     queue.put(None if found is None else found.states(np.array([0.05])).r)
 
 

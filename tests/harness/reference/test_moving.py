@@ -7,7 +7,7 @@ from mbsbench import Joint, Load, Problem, RigidBody, State, TimeFunction, Torsi
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.reference import director_rows, orbit, pushes
-from mbsbench.harness.reference.computed import Source, _key, computed, source_of
+from mbsbench.harness.reference.computed import Source, _key, compute_reference, source_of
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 
@@ -68,7 +68,7 @@ def swing(t: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("by_law", [False, True])
 def test_a_forced_wheel_swings_as_its_formula_says(by_law) -> None:
-    found, t = computed(wheel(by_law=by_law)), np.linspace(0.0, 2.0, 101)
+    found, t = compute_reference(wheel(by_law=by_law)), np.linspace(0.0, 2.0, 101)
     assert found is not None and found.horizon == 2.0
     R = found.states(t).R[:, 0]
     gap = np.abs(np.arctan2(R[:, 1, 0], R[:, 0, 0]) - swing(t))
@@ -89,7 +89,7 @@ def test_a_pinion_rolls_down_a_rack_as_its_formula_says() -> None:
     J = 0.5 * mass * r**2
     system = assemble([RigidBody(mass, J * np.eye(3))], joints, (0.0, -g, 0.0))
     start = State(np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
-    found, t = computed(problem("pinion", system, start, 1.5)), np.linspace(0.0, 1.5, 61)
+    found, t = compute_reference(problem("pinion", system, start, 1.5)), np.linspace(0.0, 1.5, 61)
     assert found is not None and found.horizon == 1.5
     s = 0.5 * g * np.sin(slope) / (1.0 + J / (mass * r**2)) * t**2
     assert s[-1] / r > 4.0 * np.pi
@@ -107,7 +107,7 @@ EXACT = {
 @pytest.mark.parametrize("name", EXACT)
 def test_it_is_the_exact_motion_within_its_stated_error(name) -> None:
     p = make_problem(name, EXACT[name])
-    exact, found = p.reference(), computed(p)
+    exact, found = p.reference(), compute_reference(p)
     assert exact is not None and found is not None and found.horizon == p.t_end
     t = np.linspace(0.0, p.t_end, 101)
     gap = np.max(np.linalg.norm(found.states(t).r - exact.states(t).r, axis=2), axis=1)
@@ -163,7 +163,7 @@ def test_a_flipped_sign_in_one_route_is_found_out(table, kind, name, of, monkeyp
     flip = lambda *a: [row._replace(**{name: -getattr(row, name)}) for row in own(*a)]  # noqa: E731
     monkeypatch.setitem(table, kind, flip)
     p = make_problem(of, EXACT[of])
-    if (found := computed(p)) is not None:
+    if (found := compute_reference(p)) is not None:
         assert found.horizon < 0.3 * p.t_end
 
 

@@ -176,7 +176,7 @@ def test_fork_needs_a_single_thread():
 
 def test_cpu_time_is_limited_too(tmp_path):
     """By rlimit (SIGXCPU), or by who watches, if it looks first; its run did not finish here, in words."""
-    from mbsbench.harness.execution.job import Job, unfinished
+    from mbsbench.harness.execution.job import Job, record_unfinished
     from mbsbench.harness.suites.suite import parse_suite
 
     def work(tell):
@@ -187,7 +187,7 @@ def test_cpu_time_is_limited_too(tmp_path):
     ended = Apart(work, limit=0.0, memory=500.0, wall=60.0).wait()  # [s], rounded up to the next whole one
     assert (ended.code == -signal.SIGXCPU or ended.over == "cpu") and time.monotonic() - began > 0.9
     job = Job(parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t").specs[0], tmp_path)
-    record = unfinished(job, ended, 1.0, EndedBy.WALL_LIMIT, 60.0)
+    record = record_unfinished(job, ended, 1.0, EndedBy.WALL_LIMIT, 60.0)
     assert record.status == Status.UNFINISHED and record.ended_by == EndedBy.CPU_LIMIT
 
 

@@ -9,7 +9,7 @@ import pytest
 from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.types import Law, Reason
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.pages.runs.atlas import broken, groups, survival, title, zoom
+from mbsbench.reports.pages.runs.atlas import group_broken, groups, survival, title, zoom
 from mbsbench.reports.pages.runs.causes import CAUSES, autopsy, usual_step
 from mbsbench.reports.pages.svg import ticks
 from mbsbench.reports.plots.palette import looks
@@ -81,7 +81,10 @@ def test_survival_counts_every_run_once():
 def test_wrong_ones_are_grouped_by_the_law_they_break():
     reasons = Reason(Law.ENERGY, 3.0, 1.0, "J"), Reason(Law.ENERGY, 9.0, 1.0, "J"), Reason(Law.CONSTRAINT, 1.0, 0.1)
     runs = [Run(record(f"w{k}", status="wrong", wrong_because=reasons_json([why]))) for k, why in enumerate(reasons)]
-    assert [(b.law, b.count) for b in broken([*runs, Run(record("aa01"))])] == [("the energy error", 2), ("|phi|", 1)]
+    assert [(b.law, b.count) for b in group_broken([*runs, Run(record("aa01"))])] == [
+        ("the energy error", 2),
+        ("|phi|", 1),
+    ]
 
 
 def test_zoom_ends_with_a_star_and_survives_what_is_no_number():

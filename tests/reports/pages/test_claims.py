@@ -6,10 +6,10 @@ import re
 from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.claims import Decision, Finding, Gap, Missing, Verdict
-from mbsbench.reports.model.claim_words import band, because, decision, measured, missing, tried
+from mbsbench.reports.model.claim_words import band, because, decision, describe_count, format_measured, missing
 from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
 from mbsbench.reports.pages.judgement import links_of
-from mbsbench.reports.pages.svg import number_line, said, scale_for
+from mbsbench.reports.pages.svg import describe_bar, number_line, scale_for
 
 from . import synthetic
 
@@ -51,7 +51,7 @@ def test_settings_left_open_are_not_counted_as_failing():
     at = [m.holds for m in third.map]
     assert at.count(None) > 0
     settles = third.beyond.settings
-    assert tried(third) == f"holds in {at.count(True) - 1} of {settles} settings, {at.count(None)} left out"
+    assert describe_count(third) == f"holds in {at.count(True) - 1} of {settles} settings, {at.count(None)} left out"
 
 
 def test_verdicts_have_a_symbol_and_a_word_each():
@@ -63,15 +63,15 @@ def test_a_band_may_be_open_at_one_end():
     assert band(synthetic.TEST) == "0 to 0.05 m"
     assert band(replace(synthetic.TEST, band=(None, 0.05))) == "at most 0.05 m"
     assert band(replace(synthetic.TEST, band=(1.0, None), unit="")) == "at least 1"
-    assert said(0.02, -math.inf, 0.05, "m") == "measured 0.0200 m; band at most 0.0500 m"
+    assert describe_bar(0.02, -math.inf, 0.05, "m") == "measured 0.0200 m; band at most 0.0500 m"
 
 
 def test_a_number_that_does_not_exist_is_said_so():
     none = replace(synthetic.TEST, measured=math.nan)
-    assert measured(none) == "not measured"
-    assert measured(replace(none, unbounded=True)) == "unbounded"
-    assert measured(replace(none, unbounded=True, unit="s")) == "never"
-    assert measured(replace(none, measured=12.0, unit="")) == "12"
+    assert format_measured(none) == "not measured"
+    assert format_measured(replace(none, unbounded=True)) == "unbounded"
+    assert format_measured(replace(none, unbounded=True, unit="s")) == "never"
+    assert format_measured(replace(none, measured=12.0, unit="")) == "12"
 
 
 def test_conditions_are_worded_with_counts():

@@ -11,7 +11,7 @@ from mbsbench.harness.places import Place
 from mbsbench.harness.results.judgements.claims import Finding, Verdict
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.change.compare import changes, write_compare
-from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
+from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, find_unmeasured, physics, timings, work
 
 from ..conftest import HOSTILE, because, every_kind, put, record, series
 from ..outline import Outline, opened
@@ -61,7 +61,7 @@ def test_a_column_that_one_run_never_measured_is_not_a_change():
     """Older records lack newer columns: that is the harness, not the motion."""
     before = [record(f"a{k}", out_of_plane_max_m=math.nan) for k in range(3)]
     after = [record(f"a{k}", out_of_plane_max_m=0.1) for k in range(3)]
-    assert unmeasured(before, after) == ({"out_of_plane_max_m"}, set())
+    assert find_unmeasured(before, after) == ({"out_of_plane_max_m"}, set())
     assert physics(before, after) == []
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.change import history
-from mbsbench.reports.pages.change.history import gather, lines, moments, moved
+from mbsbench.reports.pages.change.history import gather, has_moved, lines, moments
 from mbsbench.reports.pages.svg import sparkline
 
 from ..conftest import HOSTILE, put, record, series
@@ -75,8 +75,8 @@ def test_a_file_of_rows_that_cannot_be_read_is_named(three_runs, tmp_path):
 
 
 def test_less_than_a_hundredth_is_no_move():
-    assert not moved([1.0, 1.005, math.nan], 0.0)
-    assert moved([1.0, 1.02], 0.0) and not moved([1e-12, 1e-11], 1e-9) and not moved([1.0], 0.0)
+    assert not has_moved([1.0, 1.005, math.nan], 0.0)
+    assert has_moved([1.0, 1.02], 0.0) and not has_moved([1e-12, 1e-11], 1e-9) and not has_moved([1.0], 0.0)
 
 
 def test_a_hair_is_drawn_flat_and_a_decade_is_not():

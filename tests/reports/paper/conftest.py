@@ -16,7 +16,7 @@ from mbsbench.harness.results.series import Series
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.reports.paper.catalogue import FIGURES
-from mbsbench.reports.paper.picking import selected
+from mbsbench.reports.paper.picking import select_runs
 from mbsbench.reports.paper.spec import PRINTED
 
 from ..conftest import put
@@ -33,7 +33,7 @@ def suite() -> tuple[RunSpec, ...]:
 def asked(*figures: str) -> list[RunSpec]:
     """The runs that these figures (all, without names) ask for."""
     wanted = [p for f in FIGURES if f.name in figures or not figures for p in f.picks]
-    return list({s.settings_id: s for p in wanted for s in selected(p, suite())}.values())
+    return list({s.settings_id: s for p in wanted for s in select_runs(p, suite())}.values())
 
 
 def series_for(problem, t_end: float, size: float) -> Series:

@@ -44,12 +44,12 @@ def test_every_pick_finds_runs_in_the_suite():
     """Else a figure would miss a line without a word."""
     for figure in FIGURES:
         for pick in figure.picks:
-            assert [s for s in pick.solvers if s not in {a.solver for a in picking.selected(pick, suite())}] == []
+            assert [s for s in pick.solvers if s not in {a.solver for a in picking.select_runs(pick, suite())}] == []
 
 
 def test_of_recommended_runs_the_printed_step_and_the_smallest_tolerance_are_drawn():
     """The suite has the steps 0.01 and 0.005 s and the tolerances 1e-6 and 1e-8."""
-    recommended = picking.selected(BY_NAME["fig06-recommended"].picks[0], suite())
+    recommended = picking.select_runs(BY_NAME["fig06-recommended"].picks[0], suite())
     assert [s.control.dt or s.control.rtol for s in recommended] == [0.01, 1e-8, 1e-8, 1e-8, 1e-8]
 
 
@@ -128,7 +128,7 @@ def test_the_loose_tolerance_is_left_out_where_the_paper_does(whole):
     _, own = drawn(whole[0], "fig09")
     panel = next(p for p in BY_NAME["fig09"].panels() if p.tightest)
     assert {k.chosen.asked.control.rtol for k in own} == {None, 1e-3, 1e-6}
-    assert lines.shown(panel, own) == [k for k in own if k.chosen.asked.control.rtol != 1e-3]
+    assert lines.select_lines(panel, own) == [k for k in own if k.chosen.asked.control.rtol != 1e-3]
 
 
 def test_a_solver_has_its_colour_and_its_settings_dashes(whole):

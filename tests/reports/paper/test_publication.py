@@ -70,7 +70,7 @@ def test_latex_is_balanced_and_harmless(results):
         assert all(re.sub(r"\\\$", "", k).count("$") % 2 == 0 for k in lines)
         rows = [re.sub(r"\\&", "", k) for k in lines if k.endswith(r"\\")]
         assert len(rows) == len(variant.runs) + 1
-        assert {k.count("&") for k in rows} == {len(tables.printed(variant.runs)) - 1}
+        assert {k.count("&") for k in rows} == {len(tables.list_printed_columns(variant.runs)) - 1}
         assert r"\frac" not in text and "<script>" not in text
 
 
@@ -80,7 +80,7 @@ def test_latex_fits_one_column_of_a_journal(results):
         text = tables.latex_of("t", variant.runs)
         rows = [k.removesuffix(r" \\").split(" & ") for k in text.splitlines() if k.endswith(r"\\")]
         widths = []
-        for column, cells in zip(tables.printed(variant.runs), zip(*rows, strict=True), strict=True):
+        for column, cells in zip(tables.list_printed_columns(variant.runs), zip(*rows, strict=True), strict=True):
             fixed = re.search(r"p\{(\d+)mm\}", tables.WRAPPED.get(column.key, ""))
             longest = max(len(re.sub(r"\\[a-zA-Z]+|[${}^\\ ]", "", e)) for e in cells)
             widths.append(float(fixed[1]) if fixed else 1.4 * longest)

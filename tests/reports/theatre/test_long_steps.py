@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mbsbench.reports.mechanism.theatre.poses import Poses, between, fill
+from mbsbench.reports.mechanism.theatre.poses import Poses, fill, interpolate_poses
 from mbsbench.reports.mechanism.theatre.scene import players, scene
 from mbsbench.reports.model.results import read_results
 
@@ -33,10 +33,10 @@ def test_a_long_step_is_filled_with_the_exact_motion_and_the_runs_own_error(off,
     exact, fine = np.linspace(0.0, T_END, samples), np.linspace(0.0, T_END, 3001)
     stored = np.array([0.0, 6.0 * np.pi / RATE, T_END])  # after whole turns: at rest, for who looks at stored poses
     found = fill(spin(stored, off), spin(exact), 1.0)
-    assert angle(between(spin(stored, off), fine), spin(fine, off)) > 3.0  # the great circle alone
-    assert angle(between(found.poses, fine), spin(fine, off)) < 1e-6 and not found.unknown
+    assert angle(interpolate_poses(spin(stored, off), fine), spin(fine, off)) > 3.0  # the great circle alone
+    assert angle(interpolate_poses(found.poses, fine), spin(fine, off)) < 1e-6 and not found.unknown
     assert found.added == len(found.poses) - 3 == samples - 2
-    assert np.max(np.abs(between(found.poses, fine).r - spin(fine, off).r)) < 1e-9
+    assert np.max(np.abs(interpolate_poses(found.poses, fine).r - spin(fine, off).r)) < 1e-9
 
 
 def test_where_the_error_is_large_a_long_gap_is_unknown():
@@ -65,7 +65,7 @@ def test_the_page_holds_the_motion_of_a_long_step(tmp_path):
     (player,) = scene(variant, cast, {"alpha": type("Look", (), {"colour": "#123456"})})[0]["players"]
     rows = np.asarray(player["poses"]).reshape(7, player["frames"]).T - 32767
     q = rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
-    drawn = between(Poses(player["t"], np.zeros((len(q), 1, 3)), q[:, None]), exact["exact_t"])
+    drawn = interpolate_poses(Poses(player["t"], np.zeros((len(q), 1, 3)), q[:, None]), exact["exact_t"])
     truth = Poses(exact["exact_t"], drawn.r, about_z(RATE * exact["exact_t"])[:, None])
     assert angle(drawn, truth) < 0.04  # 0.03 rad, and rounding to 16 bits
     assert player["stored"] == 3 and player["added"] > 100

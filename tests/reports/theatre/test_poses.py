@@ -10,13 +10,13 @@ from mbsbench.reports.mechanism.theatre.poses import (
     TURNED,
     Box,
     Poses,
-    between,
     box_of,
     enough,
     finite,
+    interpolate_poses,
     off,
     rates,
-    thinned,
+    thin_poses,
     turns,
 )
 from mbsbench.reports.plots.browser import bundle
@@ -36,7 +36,7 @@ def test_first_and_last_pose_stay():
     """Where a run stopped is its last pose."""
     poses = spinning(5.0)
     for n in (2, 3, 10, 299, 300, 1000):
-        rows = thinned(poses, n, 1.0)
+        rows = thin_poses(poses, n, 1.0)
         assert rows[0] == 0 and rows[-1] == len(poses) - 1
         assert len(rows) <= max(n, 2) and np.all(np.diff(rows) > 0)
 
@@ -46,7 +46,7 @@ def test_fast_motion_gets_more_poses():
     t = np.linspace(0.0, 1.0, 1001)
     x = np.where(t > 0.9, (t - 0.9) * 50.0, 0.0)
     poses = Poses(t, np.stack((x, 0 * x, 0 * x), axis=-1)[:, None], np.tile([0.0, 0.0, 0.0, 1.0], (1001, 1, 1)))
-    rows = thinned(poses, 100, 1.0)
+    rows = thin_poses(poses, 100, 1.0)
     assert np.sum(t[rows] > 0.9) > 50
 
 
@@ -82,13 +82,13 @@ def test_poses_go_where_they_are_needed():
     r = np.stack((np.cos(angle), np.sin(angle), 0 * t), axis=-1)[:, None]
     poses = Poses(t, r, about_z(angle)[:, None])
     rows = enough(poses, 60, 1.0)
-    assert len(rows) <= 60 and off(poses, rows)[0] < 0.1 * off(poses, thinned(poses, 60, 1.0))[0] + NEAR
+    assert len(rows) <= 60 and off(poses, rows)[0] < 0.1 * off(poses, thin_poses(poses, 60, 1.0))[0] + NEAR
 
 
 def test_between_takes_the_shorter_way():
     """q and -q are one orientation."""
     q = about_z(np.array([0.0, 1.0]))[:, None] * np.array([1.0, -1.0])[:, None, None]
-    half = between(Poses(np.array([0.0, 2.0]), np.zeros((2, 1, 3)), q), np.array([1.0]))
+    half = interpolate_poses(Poses(np.array([0.0, 2.0]), np.zeros((2, 1, 3)), q), np.array([1.0]))
     assert np.allclose(np.abs(np.sum(half.q[0, 0] * about_z(np.array(0.5)))), 1.0)
 
 
@@ -151,6 +151,6 @@ def test_poses_and_strips_come_back():
 def test_rounding_of_strips_is_below_a_pixel():
     """DIGITS bits of mantissa: half a unit of the last one."""
     a = np.array([0.0, np.nan, -1.0, *np.random.default_rng(2).normal(0.0, 1.0, 500) * 10.0 ** np.arange(-250, 250)])
-    back = packing.rounded(a)
+    back = packing.round_mantissa(a)
     assert np.array_equal(np.isnan(back), np.isnan(a)) and back[0] == 0.0
     assert np.all(np.abs(back[2:] - a[2:]) <= 2.0**-packing.DIGITS * np.abs(a[2:]))

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 import scipy.linalg as sl
 
-from mbsbench.harness.mechanics.motion import applied, constraint, constraint_rate, kinetic_energy, potential_energy
+from mbsbench.harness.mechanics.motion import (
+    applied_loads,
+    constraint,
+    constraint_rate,
+    kinetic_energy,
+    potential_energy,
+)
 from mbsbench.harness.mechanics.state import States
 from mbsbench.solvers.engines.export.model_check import EngineModel, differences, model_refusal
 from mbsbench.solvers.engines.export.tree import Kind, Tree, spanning_tree
@@ -99,12 +105,12 @@ def own_model(problem) -> EngineModel:
     T = tree.jacobian()
     M = sl.block_diag(*[b for m, J in zip(system.mass, system.inertia, strict=True) for b in (m * np.eye(3), J)])
     rest = replace(problem.initial, v=0.0 * problem.initial.v, Omega=0.0 * problem.initial.Omega)
-    load, bias = applied(system, one)[0], tree.bias(problem.initial)
+    load, bias = applied_loads(system, one)[0], tree.bias(problem.initial)
     Omega = problem.initial.Omega
     load[:, 3:] -= np.cross(Omega, np.einsum("bij,bj->bi", system.inertia, Omega))
     forces = T.T @ (load.ravel() - M @ bias.ravel())
     return EngineModel(
-        T, T.T @ M @ T, T.T @ applied(system, States.one(rest))[0].ravel(), float(kinetic_energy(system, one)[0]),
+        T, T.T @ M @ T, T.T @ applied_loads(system, States.one(rest))[0].ravel(), float(kinetic_energy(system, one)[0]),
         float(potential_energy(system, one)[0]), bias, forces, tree.loop_jacobian(),
     )  # fmt: skip
 

@@ -61,7 +61,7 @@ def test_rows_and_loads_are_the_judges(system: MultibodySystem) -> None:
     drift = motion.drift(system, one)[0]
     assert np.max(np.abs(k.gamma[k.order] - drift)) < 1e-8 * np.max(np.abs(drift))
     k.applied.run()
-    load = motion.applied(system, one)[0]
+    load = motion.applied_loads(system, one)[0]
     assert np.max(np.abs(k.force - load)) < ROUNDING * np.max(np.abs(load))
 
 
