@@ -39,7 +39,7 @@ def test_every_question_is_answered_or_says_what_is_missing():
 )
 def test_the_command_prints_the_number_of_its_answer(question, tmp_path):
     for engine in question.get("needs", []):
-        if importlib.util.find_spec(engine) is None:
+        if importlib.util.find_spec(engine) is None and not (Path(sys.prefix) / "engines" / engine).exists():
             pytest.skip(f"{engine} is not installed: make engines")
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
