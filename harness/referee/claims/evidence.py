@@ -82,7 +82,7 @@ def column(record: RunRecord, series: Series | None, name: str, partial: bool = 
 
 
 @measure(series=False, grows=True, natural="firm")
-def part_reached(record: RunRecord, series: Series | None) -> float:
+def reached(record: RunRecord, series: Series | None) -> float:
     """Part of the time asked for that the run got through: 1 is the end."""
     return min(stops_at(record, series) / record.t_end_s, 1.0)
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .motion import Motion
 
 MOST_OPERATIONS = 30_000
+AGAIN = 0.03  # of its size at the start: a pivot of an order found later
 ROUNDING = 1e-9  # of entries of rows, whose largest are 1 where a joint holds anything
 SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are written out
 
@@ -142,7 +143,7 @@ def _equations(
 ) -> Equations:
     """LostRank where a pivot at y is not safe beside the size of its row at the start, or as many rows do not hold."""
     from . import loops
-    from .elimination import AGAIN, find_order, sizes
+    from .elimination import find_order
     from .motion import Motion
 
     motion = Motion(system, tree, t, y, opened=opened)
@@ -155,13 +156,19 @@ def _equations(
     numbers = _drop_rounding(_evaluate(K, t, y, tree.start), n)
     order = find_order(numbers, n)
     if at is not None:
-        size, kept = sizes(numbers, n), len(order.rows)
+        size, kept = _sizes(numbers, n), len(order.rows)
         order = find_order(_drop_rounding(_evaluate(K, t, y, at), n), n)
         largest = max(size[n:], default=0.0)
         pairs = [(abs(pivot), size[k] or largest) for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n]
         if len(order.rows) != kept or any(pivot < AGAIN * of for pivot, of in pairs):
             raise LostRank
     return Equations(motion, K, n + len(held), rows, order)
+
+
+def _sizes(K: "Matrix", nu: int) -> list[float]:
+    """The diagonal of H, then that of J H^-1 J^T without couplings."""
+    size = [K[k].get(k, 0.0) for k in range(nu)]
+    return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
 
 
 def _functions(

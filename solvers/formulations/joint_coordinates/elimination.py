@@ -1,4 +1,4 @@
-"""K = [[H, J^T], [J, 0]] = L D L^T by scalars, in an order found at numbers.
+"""K = [[H, J^T], [J, 0]] = L D L^T by scalars, in an order found once, at numbers.
 
 Of the rows and columns whose pivots are safe there, the one with the fewest neighbours is eliminated first; rows that
 are left without pivot depend on the others and are left out.
@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 SAFE = 1e-3  # of its size: a pivot
-AGAIN = 0.03  # of its size at the start: a pivot of an order found later
 DEPENDENT = 1e-9
 
 Matrix = dict[int, dict[int, Any]]  # symmetric, by columns {row: entry}, both halves; zeros left out
@@ -28,15 +27,10 @@ class Order(NamedTuple):
     products: int
 
 
-def sizes(K: Matrix, nu: int) -> list[float]:
-    """The diagonal of H, then that of J H^-1 J^T without couplings."""
-    size = [K[k].get(k, 0.0) for k in range(nu)]
-    return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
-
-
 def find_order(K: Matrix, nu: int) -> Order:
     """The order at numbers; the first ``nu`` rows are H's. NoInertia where H is singular."""
-    size = sizes(K, nu)
+    size = [K[k].get(k, 0.0) for k in range(nu)]  # then the diagonal of J H^-1 J^T without couplings
+    size += [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
     K = {k: dict(column) for k, column in K.items()}
     order, pivots, products = list[int](), list[float](), 0
     largest = max(size[nu:], default=0.0)
