@@ -5,7 +5,7 @@
     class Limits(Shape, frozen=True):
         cpu_limit: Positive = 60.0
 
-    shaped(parse_toml(text, "ci.toml"), Limits, "ci.toml")
+    convert_shape(parse_toml(text, "ci.toml"), Limits, "ci.toml")
     # FileError: ci.toml: unknown key 'wal_limit' - did you mean 'cpu_limit'?
 
 The annotations are the rules: strict types, no key but the fields. Why msgspec: ``docs/decisions/schema.md``.

@@ -80,7 +80,7 @@ def environment() -> jinja2.Environment:
     found = jinja2.Environment(undefined=jinja2.StrictUndefined, finalize=show, extensions=[Assert], autoescape=False,
                                trim_blocks=True)  # fmt: skip
     found.globals = dict(data.NAMES)
-    found.filters["measured"] = data.measured
+    found.filters["measured"] = data.format_measured
     return found
 
 

@@ -59,7 +59,7 @@ FAULTS = (
         "return 0.0 * potential_energy(system, s)",
         ONE,
     ),
-    Fault(ENDS, "x_i = r[:, i] + turned(s, i, system.joint_s_i[joints])", "x_i = r[:, i]", ONE),
+    Fault(ENDS, "x_i = r[:, i] + turn_vectors(s, i, system.joint_s_i[joints])", "x_i = r[:, i]", ONE),
     Fault(ENDS, "v[:, i] + turning(s, i, system", "v[:, i] - turning(s, i, system", ONE),
     Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", of(PENDULUM, "gc_weak_form dt")),
     Fault(
@@ -75,7 +75,7 @@ FAULTS = (
     Fault(MEASURE, "exact = reference.states(np.minimum(t[rows], reference.horizon))", "exact = s.at(rows)", ONE),
     Fault(MEASURE, "if reaction is None or", "if reaction is not None or", ONE),
     Fault("harness/metrics/scales.py", "Scales(*(float(v) for v in", "Scales(*(float(10.0 * v) for v in", ONE),
-    Fault("harness/metrics/reactions.py", '_rate(motion, t, "v") - applied(', '_rate(motion, t, "v") + applied(', ONE),
+    Fault("harness/metrics/reactions.py", '_rate(motion, t, "v") - applied_loads(', '_rate(motion, t, "v") + applied_loads(', ONE),
     Fault(
         "harness/metrics/summary.py",
         '"steps": len(dt), **',

@@ -21,7 +21,7 @@ from mbsbench.harness.suites.suite import parse_suite
 from ..conftest import Silent
 
 PATH = REGISTER.with_name("objections.toml")
-OBJECTIONS: list[dict[str, Any]] = parse_toml(PATH.read_text(encoding="utf-8"), PATH.name, ValueError)["objections"]
+OBJECTIONS: list[dict[str, Any]] = parse_toml(PATH.read_text(encoding="utf-8"), PATH.name)["objections"]
 CLAIMS = {c.id: c for c in read_register().claims}
 PAGE = ROOT / "docs" / "decisions" / "objections.md"
 BAND = {"at_least": float("-inf"), "at_most": float("inf")}

@@ -12,7 +12,7 @@ from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energ
 from mbsbench.harness.mechanics.state import rotate_states
 from mbsbench.harness.mechanics.work import power
 from mbsbench.harness.metrics.reactions import DIFFERENCE
-from mbsbench.harness.reference import compute_reference as module
+from mbsbench.harness.reference import computed as module
 from mbsbench.harness.reference import orbit
 from mbsbench.harness.reference.computed import compute_reference, is_computable, reference_of
 from mbsbench.harness.reference.directors import Directors
