@@ -75,7 +75,12 @@ FAULTS = (
     Fault(MEASURE, "exact = reference.states(np.minimum(t[rows], reference.horizon))", "exact = s.at(rows)", ONE),
     Fault(MEASURE, "if reaction is None or", "if reaction is not None or", ONE),
     Fault("harness/metrics/scales.py", "Scales(*(float(v) for v in", "Scales(*(float(10.0 * v) for v in", ONE),
-    Fault("harness/metrics/reactions.py", '_rate(motion, t, "v") - applied_loads(', '_rate(motion, t, "v") + applied_loads(', ONE),
+    Fault(
+        "harness/metrics/reactions.py",
+        '_rate(motion, t, "v") - applied_loads(',
+        '_rate(motion, t, "v") + applied_loads(',
+        ONE,
+    ),
     Fault(
         "harness/metrics/summary.py",
         '"steps": len(dt), **',
