@@ -18,6 +18,12 @@ J, K, C = 0.02, 5.0, 0.002  # [kg m2], [N m/rad], [N m s]
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
+@pytest.fixture(autouse=True)
+def no_computed_reference(monkeypatch):
+    """Laws of energy need none, and that of a torque of 1e6 rad/s takes a minute."""
+    monkeypatch.setattr("mbsbench.harness.metrics.measure.reference_of", Problem.reference)
+
+
 def discs(count: int, spin: float, t_end: float, **parts) -> Problem:
     """Hinged to the ground beside each other; the first one spins."""
     bodies = [RigidBody(1.0, J * np.eye(3)) for _ in range(count)]
