@@ -56,7 +56,8 @@ class Box:
     def words(self) -> str:
         """How it ended and how near to a limit."""
         why = self.run.reasons[0] if self.run.reasons else self.margin.words if self.margin else ""
-        return f"{self.run.record.solver} on {self.run.variant}, {self.run.step_words}: {self.mark.word}. {why}"
+        words = f"{self.run.record.solver} on {self.run.variant}, {self.run.step_words}: {self.mark.word}"
+        return f"{words}: {why}" if why else words
 
     @property
     def order(self) -> tuple[int, float]:

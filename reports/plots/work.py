@@ -109,7 +109,7 @@ def work_plots(name: str, points: Sequence[Point], pairs: Sequence[tuple[str, st
             axes = Axis(*WORKS[work], log=True), Axis(what, unit, log=True)
             title = f"{what[0].upper()}{what[1:]} over {WORKS[work][0]}"
             region = _reference_region(own, work) if error == "error" else []
-            drawn = [*region, *_families(own, work, error, folded), *_best(own, work, error)]
+            drawn = [*region, *_families(own, work, error, folded)]
             drawn += _front(own, work) if front and error == "error" else []
             found = race(own, work, error)
             out[f"{error}-{work}"] = Plot(
@@ -231,13 +231,6 @@ def _trace(name: str, own: Sequence[Point], work: str, error: str, folded: bool,
 def _label(own: Sequence[Point]) -> str:
     """The label of all; none where a ladder has several."""
     return own[0].label if len({p.label for p in own}) == 1 else ""
-
-
-def _best(points: Sequence[Point], work: str, error: str) -> list[Trace]:
-    best = [p for p in points if p.best]
-    words = [f"no other run of {p.solver} is both cheaper and as accurate: {point_words(p)}" for p in best]
-    return [Trace("best-tuned", _numbers(best, "works", work), _numbers(best, "errors", error), mode="markers",
-                  hollow=True, words=words, urls=[p.page for p in best])] if best else []  # fmt: skip
 
 
 def point_words(p: Point, *, whole: bool = True) -> str:

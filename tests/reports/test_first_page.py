@@ -199,8 +199,8 @@ def shown(table: pd.DataFrame) -> set[str]:
     finest = table.sort_values("dt_s").groupby(["problem", "solver"]).first().reset_index()
     for r in finest.itertuples():
         part = r.energy_drift_max_J / 0.1
-        out |= {number(part, 2 if part >= 0.1 else 1), f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: refused. no"}
-        out.add(f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: success. the energy error is "
+        out |= {number(part, 2 if part >= 0.1 else 1), f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: refused: no"}
+        out.add(f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: success: the energy error is "
                 f"{number(r.energy_drift_max_J)} of {number(0.1)} J allowed")  # fmt: skip
     whole = (finest.assign(well=finest.status == "success").groupby("solver").well.sum()).to_dict()
     out |= {f"{n} of {table.problem.nunique()}" for n in whole.values()}
@@ -209,7 +209,7 @@ def shown(table: pd.DataFrame) -> set[str]:
     for r in wrong.itertuples():
         (reason,) = json.loads(r.wrong_because)
         words = f"the energy error reaches {reason['value']:g} J, more than {reason['limit']:g} J"
-        out |= {words, f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: wrong. {words}"}
+        out |= {words, f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: wrong: {words}"}
         out.add(number(reason["value"] / reason["limit"], 2))
         out |= card_of("energy error", reason, r.dt_s, r.t_end_s, f"; drawn at {number(r.t_end_s)} s")
         out.add(f"mbsbench solve {r.problem} {r.solver} --set dt={r.dt_s:g} --out {r.run_id}.npz")

@@ -1,7 +1,6 @@
 """The first page in six bands: the race over the moving mechanism, cost, heat map, false successes, claims, doors."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from ....harness.results.reproduce import write_command
@@ -97,14 +96,13 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
 
 
 def _panels(site: Site) -> list[Plot]:
-    """Error over CPU time: of each problem the variant with most points, then other variants; no rings around these."""
+    """Error over CPU time: of each problem the variant with most points, then other variants."""
     problems = {p.title: p.problem for p in site.results.variants}
     ordered = sorted(site.work.items(), key=lambda kv: -_points(kv[1]))
     seen: dict[str, str] = {}
     for title, _ in ordered:
         seen.setdefault(problems.get(title, title), title)
-    plots = [plot for title, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
-    return [replace(plot, traces=[t for t in plot.traces if not t.hollow]) for plot in plots]
+    return [plot for _, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
 
 
 def _points(plot: Plot) -> int:

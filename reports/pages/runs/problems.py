@@ -166,7 +166,8 @@ def follow_title(variant: Variant, found: Sequence[Followed]) -> str:
     if not found:
         return ""
     whole, last = [f for f in found if f.whole], found[-1]
-    out = f"{len(whole)} of {plural(len(found), 'solver')} follow the motion to {time(float(f'{last.known:.3g}'))} s"
+    follow = "follows" if len(whole) == 1 else "follow"
+    out = f"{len(whole)} of {plural(len(found), 'solver')} {follow} the motion to {time(float(f'{last.known:.3g}'))} s"
     return out if last.whole else f"{out}; {last.run.record.solver} leaves it at {number(last.until)} s"
 
 
