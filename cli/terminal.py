@@ -132,8 +132,9 @@ def plural(n: int, word: str) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Significant digits, or a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.{digits}g}"
+    """Significant digits, without an exponent from 1e-4 to 1e6, or a dash for NaN."""
+    text = "-" if math.isnan(value) else f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < 1e6 else text
 
 
 def sparkline(values: Sequence[float], width: int, *, log: bool = True) -> str:
