@@ -142,6 +142,6 @@ def _solve_saddle(
     inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """From L^-1 by bodies, B = A L^-T, f and A_dot v."""
-    x = np.einsum("bij,tbj->tbi", inverse, f).reshape(len(f), -1)
+    x = np.einsum("bij,tbj->tbi", inverse, f).reshape(B.shape[::2])
     more, reaction = factor_rows(B)(-A_dot_v - times(B, x))
-    return np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(len(f), -1, 6)), reaction
+    return np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(f.shape)), reaction

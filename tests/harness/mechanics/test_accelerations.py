@@ -21,6 +21,15 @@ both_routes = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.parametrize("most", [np.inf, -1.0])
+def test_states_that_are_all_not_finite_have_no_accelerations(most, monkeypatch):
+    monkeypatch.setattr(index1, "DENSE", most)
+    problem = make_problem("slider_crank")
+    state = problem.initial
+    lost = States(*(np.full_like(x, np.nan)[None] for x in (state.r, state.R, state.v, state.Omega)))
+    assert all(np.all(np.isnan(x)) for x in index1.index_1(problem.system, lost))
+
+
 @pytest.mark.parametrize(
     ("name", "parameters"),
     [("bricard", {}), ("slider_crank", {}), ("heavy_top", {}), ("driven_slider_crank", {}),
