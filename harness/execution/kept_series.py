@@ -60,7 +60,7 @@ def series_of(problem: Problem, trajectory: Trajectory, m: Measured, *, lossless
 
 
 def _poses(t: np.ndarray, trajectory: Trajectory, span: float) -> dict[str, np.ndarray]:
-    frames, end = frames_to_keep(t, trajectory.states, span), trajectory.states[-1]
+    frames, end = frames_to_keep(t, trajectory.states.at, span), trajectory.states[-1]
     out = {
         **_compress_poses("frame", t[frames], trajectory.states.at(frames)),
         **{f"end_{name}": getattr(end, name) for name in STATE},
@@ -76,9 +76,8 @@ def _exact(reference: Reference | None, t: np.ndarray, span: float) -> dict[str,
     if reference is None or len(known) < 2:
         return {}
     at = np.linspace(known[0], min(known[-1], reference.horizon), FINE)
-    states = reference.states(at)
-    kept = frames_to_keep(at, states, span, EXACT_FRAMES)
-    return _compress_poses("exact", at[kept], states.at(kept))
+    kept = frames_to_keep(at, lambda k: reference.states(at[k]), span, EXACT_FRAMES)
+    return _compress_poses("exact", at[kept], reference.states(at[kept]))
 
 
 def _states(trajectory: Trajectory, steps: np.ndarray, t: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,5 +1,7 @@
 """Which rows of a long run to keep, so that a series file stays small and shows every peak."""
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -7,7 +9,7 @@ from ..mechanics.state import States
 
 MAX_ROWS = 100_000
 MAX_FRAMES = 2_000
-BLOCK = 4096  # rows at a time
+BLOCK, BODIES = 4096, 2**18  # at most so many rows at a time, and rows times bodies
 EVEN = 0.2  # of the frames
 
 
@@ -27,17 +29,20 @@ def rows_to_keep(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_R
 
 
 def frames_to_keep(
-    t: Float[np.ndarray, " nt"], s: States, size: float, at_most: int = MAX_FRAMES
+    t: Float[np.ndarray, " nt"], states: Callable[[slice], States], size: float, at_most: int = MAX_FRAMES
 ) -> Int[np.ndarray, " nf"]:
     """Rows that a drawing needs, the first and last too: a fifth even in time, the rest dense where the path is bent.
+
+    ``states`` of a slice of the rows.
 
     A chord over n rows is off the path by n^2 / 4 times what a row is off the chord of its neighbours: the sum of the
     square roots counts the chords. ``size`` [m] of a body makes a turn a path.
     """
     if len(t) <= at_most:
         return np.arange(len(t))
-    rows = range(1, len(t) - 1, BLOCK)
-    bent = np.concatenate([_off_chord(t, s, size, slice(k, min(k + BLOCK, len(t) - 1))) for k in rows])
+    block = max(1, min(BLOCK, BODIES // states(slice(1)).nb))
+    rows = (slice(k - 1, k + block + 1) for k in range(1, len(t) - 1, block))
+    bent = np.concatenate([_off_chord(t[k], states(k), size) for k in rows])
     chords = np.convolve(np.sqrt(bent), (0.5, 0.5))
     measure = EVEN * np.diff(t) / (t[-1] - t[0]) + (1.0 - EVEN) * chords / max(float(np.sum(chords)), 1e-300)
     along = np.append(0.0, np.cumsum(measure))
@@ -45,12 +50,11 @@ def frames_to_keep(
     return np.unique(np.append(np.minimum(kept, len(t) - 1), (0, len(t) - 1)))
 
 
-def _off_chord(t: np.ndarray, s: States, size: float, k: slice) -> Float[np.ndarray, " n"]:
+def _off_chord(t: np.ndarray, s: States, size: float) -> Float[np.ndarray, " n"]:
     """How far the body that is furthest is off the chord between the rows before and after [m], at most ``size``."""
-    before, after = slice(k.start - 1, k.stop - 1), slice(k.start + 1, k.stop + 1)
-    u = ((t[k] - t[before]) / (t[after] - t[before]))[:, None, None]
+    u = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None, None]
     with np.errstate(all="ignore"):  # a motion may have blown up
-        r = s.r[k] - (1.0 - u) * s.r[before] - u * s.r[after]
-        R = s.R[k] - (1.0 - u[..., None]) * s.R[before] - u[..., None] * s.R[after]
+        r = s.r[1:-1] - (1.0 - u) * s.r[:-2] - u * s.r[2:]
+        R = s.R[1:-1] - (1.0 - u[..., None]) * s.R[:-2] - u[..., None] * s.R[2:]
         off = np.max(np.linalg.norm(r, axis=-1) + size * np.linalg.norm(R, axis=(-2, -1)), axis=1)
     return np.minimum(np.nan_to_num(off, nan=size), size)

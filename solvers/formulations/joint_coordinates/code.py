@@ -143,7 +143,7 @@ def _equations(
 ) -> Equations:
     """LostRank where a pivot at y is not safe beside the size of its row at the start, or as many rows do not hold."""
     from . import loops
-    from .elimination import find_order
+    from .elimination import find_order, sizes
     from .motion import Motion
 
     motion = Motion(system, tree, t, y, opened=opened)
@@ -156,19 +156,13 @@ def _equations(
     numbers = _drop_rounding(_evaluate(K, t, y, tree.start), n)
     order = find_order(numbers, n)
     if at is not None:
-        size, kept = _sizes(numbers, n), len(order.rows)
+        size, kept = sizes(numbers, n), len(order.rows)
         order = find_order(_drop_rounding(_evaluate(K, t, y, at), n), n)
         largest = max(size[n:], default=0.0)
         pairs = [(abs(pivot), size[k] or largest) for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n]
         if len(order.rows) != kept or any(pivot < AGAIN * of for pivot, of in pairs):
             raise LostRank
     return Equations(motion, K, n + len(held), rows, order)
-
-
-def _sizes(K: "Matrix", nu: int) -> list[float]:
-    """The diagonal of H, then that of J H^-1 J^T without couplings."""
-    size = [K[k].get(k, 0.0) for k in range(nu)]
-    return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
 
 
 def _functions(
@@ -261,10 +255,12 @@ def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.nd
 
 def _drop_rounding(K: dict[int, dict[int, float]], nu: int) -> dict[int, dict[int, float]]:
     """Without the entries of rows that have nothing but rounding: of a joint of the tree that is declared twice."""
-    size = [K[k].get(k, 0.0) for k in range(nu)]
-    nothing = (ROUNDING / max(size, default=1.0)) * ROUNDING
+    from .elimination import sizes
+
+    size = sizes(K, nu)
+    nothing = (ROUNDING / max(size[:nu], default=1.0)) * ROUNDING
     for k in range(nu, len(K)):
-        if sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) < nothing:
+        if size[k] < nothing:
             for u in K[k]:
                 del K[u][k]
             K[k] = {}

@@ -29,8 +29,7 @@ class Order(NamedTuple):
 
 def find_order(K: Matrix, nu: int) -> Order:
     """The order at numbers; the first ``nu`` rows are H's. NoInertia where H is singular."""
-    size = [K[k].get(k, 0.0) for k in range(nu)]  # then the diagonal of J H^-1 J^T without couplings
-    size += [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
+    size = sizes(K, nu)
     K = {k: dict(column) for k, column in K.items()}
     order, pivots, products = list[int](), list[float](), 0
     largest = max(size[nu:], default=0.0)
@@ -49,6 +48,12 @@ def find_order(K: Matrix, nu: int) -> Order:
     if any(k < nu for k in left):
         raise NoInertia
     return Order(order, pivots, products)
+
+
+def sizes(K: Matrix, nu: int) -> list[float]:
+    """The diagonal of H, then that of J H^-1 J^T without couplings."""
+    size = [K[k].get(k, 0.0) for k in range(nu)]
+    return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
 
 
 def _eliminate(K: Matrix, k: int) -> None:

@@ -25,7 +25,8 @@ from ..generated import Program
 from .choices import TOLD, Settings
 from .gc_wrenches import Arrays, WrenchLoops
 
-DEPTH, DEEP = 4, 6  # past steps from which the next one is estimated: by loops over joints, by code
+EARLY = 0.1  # of the change before, in place of ``refresh``: by code a factor costs less than an iteration
+DEPTH, DEEP = 4, 7  # past steps from which the next one is estimated: by loops over joints, by code
 MOST = 30  # iterations a step
 REFRESHES = 2  # factors of S in a step
 PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
@@ -109,6 +110,7 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
 def _with_code(system: MultibodySystem, s: Step, choices: Settings) -> Step:
     """Entries of straight code for the mechanism."""
     k, names = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu")
+    s.scheme["refresh"] = EARLY
     code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: getattr(choices, name) for name in names})
     start, factor, poses = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R]
     moved, v, nu = [np.zeros_like(k.r), np.zeros_like(k.R)], np.zeros_like(k.v), np.zeros_like(s.nu)

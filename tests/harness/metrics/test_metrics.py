@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mbsbench import Joint, RigidBody, SpringDamper, States, assemble
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.metrics import compiled, measure, rows, scales
+from mbsbench.harness.metrics import compiled, measure, rows, scales, thinning
 from mbsbench.harness.metrics.summary import largest, time_mean, trend
 from mbsbench.harness.metrics.thinning import frames_to_keep, rows_to_keep
 from mbsbench.harness.types import ACCURATE, Law, Problem, State, StepControl
@@ -133,9 +133,25 @@ def bar(t: np.ndarray, angle: np.ndarray) -> States:
 def test_frames_are_spread_over_time():
     """A run that crawls at its end must not have all its frames there."""
     t = np.concatenate((np.linspace(0.0, 1.0, 5000), 1.0 + np.linspace(1e-9, 1e-6, 50_000)))
-    frames = t[frames_to_keep(t, bar(t, 3.0 * t), 0.5, 100)]
+    frames = t[frames_to_keep(t, bar(t, 3.0 * t).at, 0.5, 100)]
     assert frames[0] == 0.0 and frames[-1] == t[-1]
     assert 95 <= len(frames) <= 102 and np.max(np.diff(frames)) < 0.011
+
+
+def test_frames_of_many_bodies_are_chosen_in_less_memory(monkeypatch):
+    """Blocks are as small as the bodies are many, and change no frame."""
+    t = np.linspace(0.0, 1.0, 3000) ** 2
+    states, asked = bar(t, 3.0 * t), list[int]()
+    whole = frames_to_keep(t, states.at, 0.5, 100)
+    monkeypatch.setattr(thinning, "BODIES", 64)
+
+    def some(k: slice) -> States:
+        out = states.at(k)
+        asked.append(len(out))
+        return out
+
+    assert np.array_equal(frames_to_keep(t, some, 0.5, 100), whole)
+    assert max(asked) == 66  # with a neighbour on either side
 
 
 def test_a_whip_is_drawn_to_a_hundredth_of_the_body():
@@ -148,7 +164,7 @@ def test_a_whip_is_drawn_to_a_hundredth_of_the_body():
         chords = np.stack([np.interp(t, t[kept], x) for x in end[kept].T], axis=-1)
         return np.max(np.linalg.norm(chords - end, axis=-1))
 
-    kept = frames_to_keep(t, states, 0.5, 300)
+    kept = frames_to_keep(t, states.at, 0.5, 300)
     assert len(kept) <= 300 and off(kept) < 0.01
     assert off(np.linspace(0, 20_000, 300).astype(int)) > 0.1
 

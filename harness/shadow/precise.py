@@ -1,0 +1,145 @@
+"""Motions in 80 or 113 bits by the Taylor series of a mechanism's tape in joint coordinates: no equation is new.
+
+``python -m mbsbench.harness.shadow.precise chain 2 --bits 113 --out chain.npz`` writes the motion, rounded to doubles,
+as ``mbsbench referee`` and ``shadow`` read it. Its error is ten times the largest difference so far, in r [m] and R,
+from a run with longer steps of lower order. It is the motion of the numbers on the tape, which are doubles: those that
+are sums and products of a problem's data are rounded, which is as if the data were.
+"""
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from ...solvers.formulations.generated.functions import Straight
+from ...solvers.formulations.joint_coordinates import code as joint_code
+from ...solvers.formulations.joint_coordinates.tree import spanning_tree
+from ..catalogue.registry import make_problem
+from ..mechanics.state import State, States
+from ..mechanics.system import MultibodySystem
+from ..results.npz import write_npz
+from ..types import Problem
+from .taylor import Series, Sums, exactly, in_parts
+
+TOLERANCE = {80: 2.0**-64, 113: 2.0**-112}
+LOOSER, TEN = 2.0**4, 10.0  # tolerance of the second run; error over its difference
+LAST = 7  # before the last: by symmetry most of them may vanish, as those of a pendulum that starts from rest
+CLOSING = 4  # Newton steps onto the loops at the start, each of which doubles the digits
+
+
+def rounded(times: Sequence[Fraction], poses: Sequence[Sums]) -> States:
+    """Those of ``PreciseFlow.poses``, in doubles."""
+    x = np.array(poses)[:, :, 0]
+    nb = x.shape[1] // 18
+    r, R, V = x[:, : 3 * nb], x[:, 3 * nb : 12 * nb], x[:, 12 * nb :].reshape(-1, nb, 6)
+    t = np.array([float(t) for t in times])
+    return States(r.reshape(-1, nb, 3), R.reshape(-1, nb, 3, 3), V[..., :3].copy(), V[..., 3:].copy(), t)
+
+
+class PreciseFlow:
+    """The motion of a system in joint coordinates y; a state is (t, y) as sums of doubles."""
+
+    def __init__(self, system: MultibodySystem, start: State, bits: int, tolerance: float | None = None) -> None:
+        """``tolerance`` of a step, beside the largest coordinate or 1; ValueError where no code can be made."""
+        import casadi as ca
+
+        tree = spanning_tree(system, start)
+        joint_code.make_code(system, tree)  # its refusals
+        functions, _, self.rows = joint_code._functions(system, tree)
+        rate, finish, record = (functions[name] for name in ("accelerate", "finish", "record"))
+        self.tolerance = TOLERANCE[bits] if tolerance is None else tolerance
+        self.order = math.ceil(1.0 - 0.5 * math.log(self.tolerance))
+        still = [ca.SX.zeros(k.numel()) for k in record.inputs[2:]]
+        poses = ca.substitute(list(record.outputs[:3]), list(record.inputs), [*record.inputs[:2], *still])
+        t, y = rate.inputs
+        self._rate = Series(Straight([t, y], [ca.SX(1), *rate.outputs]), bits, self.order, rates=True)
+        self._close = Series(Straight(finish.inputs, finish.outputs[:1]), bits)
+        self._poses = Series(Straight(record.inputs[:2], [ca.densify(a) for a in poses]), bits)
+        parts = np.zeros((1 + len(tree.start), 3))
+        parts[1:, 0] = tree.start
+        parts[0] = in_parts(Fraction(start.t))
+        for _ in range(CLOSING):
+            parts = self.close(parts)
+        self.start: Sums = parts
+        self.steps = 0
+
+    def close(self, x: Sums) -> Sums:
+        """The nearest state with closed loops and unit quaternions."""
+        return np.concatenate((x[:1], self._close.values(x)))
+
+    def poses(self, x: Sums) -> Sums:
+        """r, R by rows, then (v, Omega) by bodies."""
+        return self._poses.values(x)
+
+    def march(self, times: Sequence[Fraction]) -> Iterator[Sums]:
+        """The states at ``times``, in the order of the way, from the start; against time where they fall."""
+        x, t = self.start, exactly(self.start[0])
+        way = 1 if times[-1] >= t else -1
+        wanted = list(times)
+        while wanted:
+            self._rate.expand(x)
+            h = self._step()
+            while wanted and abs(wanted[0] - t) <= h:
+                yield self.close(self._rate.sum(wanted.pop(0) - t))
+            t += way * h
+            x = self.close(self._rate.sum(way * h))
+            x[0] = in_parts(t)
+            self.steps += 1
+
+    def _step(self) -> Fraction:
+        """The radius of convergence by the last orders, over e^2 and a little (Jorba and Zou, Sect. 3.2)."""
+        p, scale = self.order, max(1.0, self._rate.size(0))
+        radius = min((max(self._rate.size(k), 1e-300) / scale) ** (-1.0 / k) for k in range(p - LAST, p + 1))
+        if not 0.0 < radius < math.inf:
+            raise ArithmeticError("the series is not finite: a pivot is lost")
+        return Fraction(radius * math.exp(-2.0 - 0.7 / (p - 1)))
+
+
+def difference(a: Sums, b: Sums) -> float:
+    """Largest of two states or poses, whose leading doubles are close."""
+    return float(np.max(np.abs(np.sum(a - b, axis=1))))
+
+
+def make(problem: Problem, t_end: Fraction, bits: int, rows: int) -> tuple[States, np.ndarray, PreciseFlow]:
+    """The motion at even times, its error so far, and what made it."""
+    times = [k * t_end / (rows - 1) for k in range(rows)]
+    flow, rough = (PreciseFlow(problem.system, problem.initial, bits, TOLERANCE[bits] * c) for c in (1, LOOSER))
+    poses, apart, own = [], [0.0], slice(12 * problem.system.nb)
+    for x, y in zip(flow.march(times), rough.march(times), strict=True):
+        poses.append(flow.poses(x))
+        apart.append(max(apart[-1], difference(poses[-1][own], rough.poses(y)[own])))
+    return rounded(times, poses), TEN * np.array(apart[1:]), flow
+
+
+def main() -> None:
+    """The command above."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("problem", help="name of a problem, or a mechanism's file")
+    parser.add_argument("t_end", type=Fraction, help="[s]")
+    parser.add_argument("--bits", type=int, choices=list(TOLERANCE), default=80)
+    parser.add_argument("--problem-set", metavar="K=V", action="append", default=[], help="problem parameter")
+    parser.add_argument("--rows", type=int, default=1001, help="of the file, even in time (default: 1001)")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.npz")
+    arguments = parser.parse_args()
+    try:
+        if arguments.rows < 2 or arguments.t_end <= 0:
+            raise ValueError(f"give at least 2 rows and a time above 0 (got {arguments.rows}, {arguments.t_end})")
+        problem = make_problem(arguments.problem, dict(pair.partition("=")[::2] for pair in arguments.problem_set))
+        states, error, flow = make(problem, arguments.t_end, arguments.bits, arguments.rows)
+        t, *parts = states.times, states.r, states.R, states.v, states.Omega
+        write_npz(arguments.out, dict(zip(("t", "r", "R", "v", "Omega", "error"), (t, *parts, error), strict=True)))
+    except (ArithmeticError, OSError, ValueError) as reason:
+        parser.error(str(reason))
+    sys.stdout.write(
+        f"{arguments.out}: {t[-1]:g} s in {flow.steps} steps of order {flow.order}, error {error[-1]:.1e}, "
+        f"{time.process_time():.1f} s of CPU\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""Taylor series of a tape's operations in 80 bits (x86's long double) or 113 bits (IEEE binary128).
+
+Nothing is compiled for a mechanism: one loop over a table of operations carries out order after order. With c the
+result of an operation and ' the rate, order k follows from the orders below by Leibniz's rule (Jorba and Zou 2005,
+Experimental Mathematics 14)::
+
+    c = a b:  c_k = sum_j a_j b_k-j       c = a / b:  c_k = (a_k - sum_j>0 b_j c_k-j) / b_0
+    c = f(a), c' = g a':  c_k = sum_j>0 j a_j g_k-j / k       a state:  y_k+1 = (y')_k / (k + 1)
+
+Numbers enter and leave as sums of three doubles, which hold 113 bits.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...solvers.formulations.generated.functions import Straight, record_function
+from ...solvers.formulations.generated.tape import Tape, find_needed
+from .series_code import FUNCTIONS, KINDS, PARTS, machine_of
+
+Sums = Float[np.ndarray, "n 3"]
+
+
+def in_parts(x: Fraction) -> list[float]:
+    """``x`` as a sum of doubles."""
+    out = []
+    for _ in range(PARTS):
+        out.append(float(x))
+        x -= Fraction(out[-1])
+    return out
+
+
+def exactly(parts: Sequence[float] | np.ndarray) -> Fraction:
+    """The sum of doubles."""
+    return sum((Fraction(float(x)) for x in parts), Fraction(0))
+
+
+class Series:
+    """Outputs of ``function`` and, where they are rates of its last inputs, the series of these."""
+
+    def __init__(self, function: Straight, bits: int, order: int = 0, *, rates: bool = False) -> None:
+        """Outputs beyond the rates are left out; ValueError for what has no series."""
+        recorded = record_function(function)
+        n = sum(x.size for x in recorded.inputs)
+        results = [k for output in recorded.results for k in output][: n if rates else None]
+        table = _Table(recorded.tape, [(k, p) for k, x in enumerate(recorded.inputs) for p in range(x.size)], results)
+        self._machine, self._order = machine_of(bits), order if rates else 0
+        self._inputs = n
+        self._results: Int[np.ndarray, " n"] = np.array([table.places[k] for k in results], dtype=np.int64)
+        if rates:
+            table.rows += [(KINDS.index("state"), int(k), 0, i, 0) for i, k in enumerate(self._results)]
+        self._table = np.array(table.rows, dtype=np.int64).reshape(-1, 5)
+        self._stride = order + 1 + rates
+        self._C = np.zeros((table.size, self._stride, 2))  # 16 bytes a number
+        self._write(table.size, np.array(table.start))
+
+    def _write(self, n: int, x: np.ndarray) -> None:
+        self._machine.join(x.ctypes.data, n, self._stride, self._C.ctypes.data)
+
+    def _read(self, n: int, order: int) -> Sums:
+        out = np.empty((n, PARTS))
+        self._machine.split(self._C.ctypes.data + 16 * order, n, self._stride, out.ctypes.data)
+        return out
+
+    def expand(self, x: Sums) -> None:
+        """All orders at these inputs."""
+        self._write(self._inputs, np.ascontiguousarray(x))
+        t = self._table
+        if len(t) == 0:
+            return
+        self._machine.expand(t.ctypes.data, len(t), self._C.ctypes.data, self._stride, self._order + 1)
+
+    def values(self, x: Sums) -> Sums:
+        """The outputs."""
+        self.expand(x)
+        return self._read(len(self._C), 0)[self._results]
+
+    def size(self, order: int) -> float:
+        """The largest coefficient of the inputs."""
+        return float(np.max(np.abs(self._read(self._inputs, order)[:, 0])))
+
+    def sum(self, h: Fraction) -> Sums:
+        """The inputs after ``h``, by the series at hand."""
+        out, parts = np.empty((self._inputs, PARTS)), np.array(in_parts(h))
+        self._machine.sum(self._C.ctypes.data, self._inputs, self._stride, parts.ctypes.data, out.ctypes.data)
+        return out
+
+
+class _Table:
+    """Rows (kind, a, b, place of the result, second argument of a function), and order 0 of what is given."""
+
+    def __init__(self, tape: Tape, inputs: list[tuple[int, int]], results: list[int]) -> None:
+        self.rows: list[tuple[int, int, int, int, int]] = []
+        self.start = [[0.0] * PARTS for _ in inputs]
+        self.places: dict[int, int] = {}
+        self._pairs: dict[int, tuple[int, int]] = {}
+        self._inputs = {at: k for k, at in enumerate(inputs)}
+        self._tape, self._one = tape, self._constant(1.0)
+        for number in find_needed(tape, results):
+            self.places[number] = self._place(number)
+
+    @property
+    def size(self) -> int:
+        return len(self.start)
+
+    def _new(self, x: float = 0.0) -> int:
+        self.start.append([x, *[0.0] * (PARTS - 1)])
+        return len(self.start) - 1
+
+    _constant = _new
+
+    def _add(self, kind: str, a: int, b: int = 0, second: int = 0, out: int | None = None) -> int:
+        out = self._new() if out is None else out
+        self.rows.append(((*KINDS, *FUNCTIONS).index(kind), a, b, out, second))
+        return out
+
+    def _place(self, number: int) -> int:
+        name, a, b = self._tape.operations[number]
+        if name == "input":
+            return self._inputs[a, b]
+        if name == "constant":
+            value = self._tape.value(number)
+            assert value is not None
+            return self._constant(value)
+        x, y = self.places[a], self.places[b] if b >= 0 else 0
+        constants = [self._tape.value(k) is not None for k in (a, b) if k >= 0]
+        if name == "mul" and any(constants):
+            return self._add("scale", *((y, x) if constants[0] else (x, y)))
+        if name in KINDS:
+            return self._add(name, x, y)
+        if name in ("sin", "cos"):
+            return self._wave(a, x)[name == "cos"]
+        return self._function(name, x, y)
+
+    def _wave(self, a: int, x: int) -> tuple[int, int]:
+        """Sine and cosine, each the other's rate."""
+        if a not in self._pairs:
+            s, c, back = self._new(), self._new(), self._new()
+            self._add("sin", x, c, out=s)
+            self._add("cos", x, back, out=c)
+            self._add("neg", s, out=back)
+            self._pairs[a] = s, c
+        return self._pairs[a]
+
+    def _function(self, name: str, x: int, y: int) -> int:
+        """By its slope, which may be an operation on it."""
+        out = self._new()
+        if name == "exp":
+            return self._add(name, x, out, out=out)
+        if name == "log":
+            return self._add(name, x, self._add("div", self._one, x), out=out)
+        if name == "sqrt":
+            slope = self._new()
+            self._add(name, x, slope, out=out)
+            self._add("div", self._constant(0.5), out, out=slope)
+            return out
+        if name in ("atan", "atan2"):
+            y = self._one if name == "atan" else y
+            square = self._add("add", self._add("mul", x, x), self._add("mul", y, y))
+            first = self._add("atan2", x, self._add("div", y, square), y)
+            rest = self._add("none", y, self._add("neg", self._add("div", x, square)))
+            return self._add("add", first, rest, out=out)
+        raise ValueError(f"has an operation without Taylor series here ({name})")
