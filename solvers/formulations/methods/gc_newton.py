@@ -11,15 +11,12 @@ infinite it is Sect. 4.2, with a finite penalty one correction and one augmentat
 """
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled.algebra import clear, copy, sines, turned_by
 from ..compiled.entries import apart, inner, run
-from ..compiled.kernel import Kernel
 from ..compiled.marching import NOT_FINITE, STUCK
-from ..compiled.saddle_pattern import LU, Saddle
 from .gc_step import move_poses
 
 CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
@@ -42,84 +39,29 @@ SCHEME = np.dtype(
     )]
 )  # fmt: skip
 
-
-class Terms(NamedTuple):
-    """Terms of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end."""
-
-    nu: Any
-    nu_start: Any  # nu0 = gauge nu + nu_start
-    lam0: Any
-    mu0: Any
-    sigma0: Any
-    phi0: Any
-    phi_dot0: Any
-    f_bar0: Any
-    c_bar0: Any
-    k_bar0: Any
-    phi1: Any
-    phi_dot1: Any
-    m_bar: Any
-    f_bar1: Any
-    c_bar1: Any
-    k_bar1: Any
-    G0: Any
-    G1: Any
-    dG: Any  # dG1/dnu1
-    p: Any  # factor of D1 in (74), of D_dot1
-    z: Any
-    stiff: Any  # -dp/dnu1
-    on_rate: Any  # factors of phi_dot1 and phi1 in (75)
-    on_phi: Any
-    nu_kept: Any  # multiplier of the nested loop
-    left: Any  # what of (75) no velocity can change, see ``_leave_redundant``
-    softness: Any  # (Xi M_bar)^-1
-    off: Any  # (75) over M_bar
-    old: Any  # nu of the last step
-    increment: Any  # its change over the step before (0 after a change of the step)
-
-
-class Step(NamedTuple):
-    """A step, which starts where ``kernel`` stands."""
-
-    control: Any
-    kernel: Kernel
-    scheme: Any
-    told: Any  # (6,) ``TOLD``
-    plan: Any  # (3,) dt/2, B, gauge
-    terms: Terms
-    c: Any  # (2, nrows, 6) c_R on both ends, of the ground 0
-    couple: Any  # (nj, 2, 2) pair of the kernel: load of end e by the motion of end o
-    saddle: Saddle
-    lu: LU
-    row_at: Any  # (nrows,) places of rows in ``lu.x``
-    y: Any  # as ``lu.x``
-    T: Any  # (nb, 9)
-    r0: Any  # (nb, 3)
-    R0: Any  # (nb, 3, 3)
-    v0: Any  # (nb, 6)
-    force0: Any  # (nb, 6)
-    known: Any  # (nb, 6) the part of (74) that the end does not change, in space
-    off: Any  # (nb, 6) residual (74)
-    old_v: Any  # (nb, 6) velocities one step before the present ones
-    measure: int = 0  # entries of ``rows.newton``
-    direction: int = 0
-    begin: int = 0
-    balance: int = 0
-    slopes: int = 0
-    factor_saddle: Any = 0
-    solve_saddle: Any = 0
-    complete: int = 0  # entries of functions here
-    evaluate: int = 0
-    assemble: int = 0
-    begin_step: int = 0
-    estimate: int = 0
-    refresh: int = 0
-    correct: int = 0
-    leave_redundant: Any = 0
-    correct_pose: Any = 0
-    keep_end: int = 0
-
-
+TERMS = (  # of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end
+    "nu", "nu_start",  # nu0 = gauge nu + nu_start
+    "lam0", "mu0", "sigma0", "phi0", "phi_dot0", "f_bar0", "c_bar0", "k_bar0",
+    "phi1", "phi_dot1", "m_bar", "f_bar1", "c_bar1", "k_bar1",
+    "G0", "G1", "dG",  # dG1/dnu1
+    "p", "z",  # factors of D1 in (74), of D_dot1
+    "stiff",  # -dp/dnu1
+    "on_rate", "on_phi",  # factors of phi_dot1 and phi1 in (75)
+    "nu_kept",  # multiplier of the nested loop
+    "left",  # what of (75) no velocity can change, see ``leave_redundant``
+    "softness",  # (Xi M_bar)^-1
+    "off",  # (75) over M_bar
+    "old", "increment",  # nu of the last step, its change over the step before (0 after a change of the step)
+)  # fmt: skip
+ARRAYS = {
+    "plan": "3",  # dt/2, B, gauge
+    "c": "2 nr 6",  # c_R on both ends, of the ground 0
+    "y": "n",  # as ``lu.x``
+    "T": "nb 9", "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6", "force0": "nb 6",
+    "known": "nb 6",  # the part of (74) that the end does not change, in space
+    "off": "nb 6",  # residual (74)
+    "old_v": "nb 6",  # velocities one step before the present ones
+}  # fmt: skip
 PARTS = (  # in which order they are made: each calls those before it
     "complete", "evaluate", "assemble", "begin_step", "estimate", "refresh", "leave_redundant", "correct",
     "correct_pose", "keep_end",

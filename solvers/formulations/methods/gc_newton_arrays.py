@@ -9,6 +9,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.block_lu import factor, solve
+from ..compiled.bundles import make_bundle
 from ..compiled.entries import Bound
 from ..compiled.host import Method, integrate
 from ..compiled.kernel import Kernel, Loops, places_of
@@ -19,7 +20,7 @@ from ..generated import Program
 from ..rows.kept import newton_code
 from . import gc_newton
 from .choices import TOLD, Settings
-from .gc_newton import PARTS, SCHEME, Step, Terms
+from .gc_newton import ARRAYS, PARTS, SCHEME, TERMS
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
 
@@ -64,11 +65,12 @@ def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max
 
 
 NEEDED = ("applied", "applied_slopes", "spring_slopes")
+ENTRIES = (*PARTS, "measure", "direction", "begin", "balance", "slopes", "factor_saddle", "solve_saddle")
 
 
 def make_step(
     k: Kernel, control: np.ndarray, *, system: MultibodySystem, direction: int, couple: bool, choices: dict[str, float]
-) -> Step:
+) -> Any:
     """Arrays of one step."""
     nb, nr = len(k.mass), len(k.lam)
     scheme = np.zeros((), dtype=SCHEME)
@@ -83,13 +85,13 @@ def make_step(
     apart = np.arange(nb, len(k.pair)) if couple else np.array(sorted(pair_at[p] for p in pushed), dtype=np.int64)
     saddle, lu = analyse(k.body, k.row, k.pair, apart)
     couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in k.body]
-    step = Step(
-        control, k, scheme, told=np.zeros(len(TOLD) if scheme["active"] else 4), plan=np.zeros(3),
-        terms=Terms(*(np.zeros(nr) for _ in Terms._fields)), c=np.zeros((2, nr, 6)),
+    step = make_bundle(
+        "Step", ARRAYS, {"nb": nb, "nr": nr, "n": len(lu.x)}, ENTRIES, control=control, kernel=k, scheme=scheme,
+        told=np.zeros(len(TOLD) if scheme["active"] else 4),
+        terms=make_bundle("Terms", dict.fromkeys(TERMS, "nr"), {"nr": nr}),
+        # pairs of the kernel: load of end e by the motion of end o; places of rows in ``lu.x``
         couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2), saddle=saddle, lu=lu,
-        row_at=np.repeat(lu.joint_at - k.row[:-1], np.diff(k.row)) + np.arange(nr), y=np.zeros(len(lu.x)),
-        T=np.zeros((nb, 9)), r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)),
-        force0=np.zeros((nb, 6)), known=np.zeros((nb, 6)), off=np.zeros((nb, 6)), old_v=np.zeros((nb, 6)),
+        row_at=np.repeat(lu.joint_at - k.row[:-1], np.diff(k.row)) + np.arange(nr),
     )  # fmt: skip
     loops = NewtonLoops(system, k)
     loops.at, loops.couple, loops.choice = step, couple, direction
@@ -104,7 +106,7 @@ def make_step(
     return step
 
 
-def explain(s: Step, outcome: int, *, most_cuts: int) -> str:
+def explain(s: Any, outcome: int, *, most_cuts: int) -> str:
     """Why a march has ended."""
     cut = f"with the step cut {most_cuts} times"
     if outcome == NOT_FINITE:
@@ -119,7 +121,7 @@ def explain(s: Step, outcome: int, *, most_cuts: int) -> str:
 class NewtonLoops(Loops):
     """Entries of ``rows.newton``."""
 
-    at: Step
+    at: Any  # step of ``gc_newton``
     couple: bool
     choice: int  # of c in Eq. (31)
 

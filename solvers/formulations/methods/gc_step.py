@@ -12,18 +12,19 @@ multiplier: the motion is that of the proximal saddle.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, turned_by
+from ..compiled.bundles import make_bundle, make_record
 from ..compiled.entries import Bound, inner, run
 from ..compiled.kernel import Kernel
 from ..compiled.mechanism import code_of_mechanism
 from ..generated import Program
 from .choices import TOLD, Settings
-from .gc_wrenches import Arrays, WrenchLoops
+from .gc_wrenches import WrenchLoops
 
 DEPTH, DEEP = 4, 6  # past steps from which the next one is estimated: by loops over joints, by code
 MOST = 30  # iterations a step
@@ -32,72 +33,49 @@ PASSES = 2  # of the pose correction: the factor is that of the step's first est
 NEEDED = ("rows", "factorise", "solve")
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 
-SCHEME = np.dtype(
-    [(name, "f8") for name in ("gauge", "b_term", "tolerance", "refresh", "log_det", "fall")]
-    + [(name, "i8") for name in ("direction", "use_f_bar", "keep_nu", "known", "factored", "rank", "begun")]
-)
+ARRAYS = {  # suffix 0: the start of the step
+    "u": "nb 6",  # r_dot, omega
+    "load": "nb 6", "nu_start": "nr", "nu": "nr", "f_bar": "nr", "f_bar0": "nr",
+    "slip": "nr",  # M_bar phi_dot^2
+    "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6",
+    "known": "nb 6",  # the part of w that the end does not change
+    "acceleration": "depth nb 6",  # means over the last steps, in turn
+    "impulse": "depth nr",  # (nu1 - nu0) / dt of these steps
+    "middle": "depth", "share": "depth",  # [s] their middles; theirs in the estimate of the next step
+    "found": "2",  # rank and log10 det S of the last factor
+    "square": "1",  # [J] of the last change
+}  # fmt: skip
+ENTRIES = (
+    "impulses", "rates", "loads", "start",  # of ``gc_wrenches``
+    "begin",  # ``known``, ``f_bar0`` and what else the start of a step leaves
+    "factor",  # S at the poses of the kernel, ``found``
+    "iterate",  # v and nu at the poses of the kernel, ``square``
+    "correct",  # poses onto phi = 0, with the factor at hand
+)  # fmt: skip
 
 
-class Step(NamedTuple):
-    """Scheme and room of one step; suffix 0: its start."""
-
-    control: Any
-    kernel: Kernel
-    scheme: Any  # record: the free choices; log10 det S and its last change; steps known of the past, whether there is
-    # a factor, the rank of the rows at the start, whether the next step has begun
-    told: Any  # (6,) ``TOLD``
-    impulses: int  # entries of ``gc_wrenches``
-    rates: int
-    loads: int
-    start: int
-    plan: Any  # and their arrays
-    numbers: Any
-    u: Any
-    load: Any
-    nu_start: Any
-    nu: Any
-    f_bar: Any
-    slip: Any
-    f_bar0: Any  # (nrows,)
-    r0: Any  # (nb, 3)
-    R0: Any  # (nb, 3, 3)
-    v0: Any  # (nb, 6)
-    known: Any  # (nb, 6) the part of w that the end does not change
-    acceleration: Any  # (depth, nb, 6) means over the last steps, in turn
-    impulse: Any  # (depth, nrows) (nu1 - nu0) / dt of these steps
-    middle: Any  # (depth,) [s] their middles
-    share: Any  # (depth,) theirs in the estimate of the next step
-    found: Any  # (2,) rank and log10 det S of the last factor
-    square: Any  # (1,) [J] of the last change
-    begin: Any = 0  # entries: ``known``, ``f_bar0`` and what else the start of a step leaves
-    factor: Any = 0  # S at the poses of the kernel, ``found``
-    iterate: Any = 0  # v and nu at the poses of the kernel, ``square``
-    correct: Any = 0  # poses onto phi = 0, with the factor at hand
-
-
-def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Step:
+def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Any:
     """Arrays and entries of one step."""
-    nb, nr, depth = len(kernel.mass), len(kernel.lam), DEEP if choices.whole else DEPTH
-    scheme = np.zeros((), dtype=SCHEME)
-    for name in ("gauge", "b_term", "tolerance", "refresh", "direction", "use_f_bar", "keep_nu"):
-        scheme[name] = getattr(choices, name)
+    nb, depth, c = len(kernel.mass), DEEP if choices.whole else DEPTH, choices
+    scheme = make_record(  # the free choices; log10 det S and its last change; steps known of the past, whether there
+        # is a factor, the rank of the rows at the start, whether the next step has begun
+        gauge=float(c.gauge), b_term=float(c.b_term), tolerance=float(c.tolerance), refresh=float(c.refresh),
+        log_det=0.0, fall=0.0, direction=c.direction, use_f_bar=int(c.use_f_bar), keep_nu=int(c.keep_nu),
+        known=0, factored=0, rank=0, begun=0,
+    )  # fmt: skip
     weight = system.mass[:, None] * system.gravity
     numbers = np.concatenate(
         (weight, system.mass[:, None], kernel.J_inv.reshape(nb, 9), kernel.J.reshape(nb, 9)), axis=1
     )
-    plan = np.array([0.0, 0.0, float(scheme["gauge"])])
-    arrays = Arrays(plan, numbers, np.zeros((nb, 6)), np.zeros((nb, 6)), *(np.zeros(nr) for _ in range(4)))
-    step = Step(
-        control, kernel, scheme, np.zeros(len(TOLD)), 0, 0, 0, 0, **arrays._asdict(), f_bar0=np.zeros(nr),
-        r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
-        acceleration=np.zeros((depth, nb, 6)), impulse=np.zeros((depth, nr)), middle=np.zeros(depth),
-        share=np.zeros(depth), found=np.zeros(2), square=np.zeros(1),
+    step = make_bundle(
+        "Step", ARRAYS, {"nb": nb, "nr": len(kernel.lam), "depth": depth}, ENTRIES, control=control, kernel=kernel,
+        scheme=scheme, told=np.zeros(len(TOLD)), plan=np.array([0.0, 0.0, c.gauge]), numbers=numbers,
     )  # fmt: skip
     if choices.whole:
         return _with_code(system, step, choices)
     loops = WrenchLoops(system, kernel)
-    loops.at = arrays
-    made = loops.entries(int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
+    loops.at = step
+    made = loops.entries(c.direction, use_f_bar=bool(c.use_f_bar))
     step = step._replace(start=made.pop("begin"), **made)
     correct = Bound(correct_poses, kernel) if choices.penalty.correct_pose else Program([])
     return step._replace(
@@ -106,7 +84,7 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
     )  # fmt: skip
 
 
-def _with_code(system: MultibodySystem, s: Step, choices: Settings) -> Step:
+def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
     """Entries of straight code for the mechanism."""
     k, names = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu")
     code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: getattr(choices, name) for name in names})
