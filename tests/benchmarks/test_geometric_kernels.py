@@ -19,7 +19,7 @@ def case(request) -> tuple[Any, Kernel]:
     name, dt = CASES[request.param]
     problem = make_problem(name)
     settings = make_solver("gc_augmented_lagrangian", {"newton": "exact"}).settings(problem)
-    settings = settings._replace(penalty=settings.penalty._replace(active=1, xi=1e7))
+    settings = settings._replace(active=1, penalty=1e7)
     made = make_kernel(problem.system, NEEDED)
     start_at(made, problem.initial)
     step = newton_steps(problem.system, settings, 16, 0.0, "zero").prepare(made, new_control(h=dt, dt=dt))

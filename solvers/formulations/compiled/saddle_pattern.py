@@ -5,10 +5,11 @@ across blocks unnecessary: a joint is eliminated after all of its bodies, so its
 Schur complement A M^-1 D' (+ eps), positive definite for independent rows.
 """
 
-import heapq
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from .greedy_order import eliminate
 
 STATE = np.dtype([("singular", "i8")])
 
@@ -80,7 +81,9 @@ def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.nd
             neighbours[a].add(b)
             neighbours[b].add(a)
     size = np.concatenate((np.full(nb, 6), np.diff(row))).astype(np.int64)
-    order, behind = _minimum_degree(neighbours, size, nb, bodies)
+    ahead: list[tuple[int, ...]] = [()] * nb + [tuple(map(int, ends[ends >= 0])) for ends in bodies]
+    found_order, later = eliminate(neighbours, lambda left, a: (int(sum(size[b] for b in left[a])),), ahead)
+    order = np.array(found_order, dtype=np.int64)
     place = np.empty(nb + nj, dtype=np.int64)
     place[order] = np.arange(nb + nj)
     ordered = sorted(keys, key=lambda k: (place[k[0]], place[k[1]]))
@@ -92,45 +95,7 @@ def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.nd
         "pair_column": at[column], "pair_width": size[order][column],
         "pair_place": np.array([keys[k] for k in ordered], dtype=np.int64),
     }  # fmt: skip
-    return saddle, _structure(order, behind, place, size[order], at, found)
-
-
-def _minimum_degree(
-    neighbours: list[set[int]], size: np.ndarray, nb: int, ends: np.ndarray
-) -> tuple[np.ndarray, list[set[int]]]:
-    """Order and, per node, the nodes behind it that its row meets (fill included)."""
-    alive = [set(s) for s in neighbours]
-    waiting = [0] * nb + [int(np.sum(e >= 0)) for e in ends]
-    joints_of: list[list[int]] = [[] for _ in range(nb)]
-    for j, two in enumerate(ends):
-        for b in two:
-            if b >= 0:
-                joints_of[b].append(nb + j)
-
-    def degree(a: int) -> int:
-        return int(sum(size[b] for b in alive[a]))
-
-    heap = [(degree(a), a) for a in range(len(alive)) if waiting[a] == 0]
-    heapq.heapify(heap)
-    done = [False] * len(alive)
-    order, behind = [], []
-    while heap:
-        d, a = heapq.heappop(heap)
-        if done[a] or d != degree(a):
-            continue
-        done[a] = True
-        order.append(a)
-        behind.append(alive[a])
-        for b in alive[a]:
-            alive[b].discard(a)
-            alive[b] |= alive[a] - {b}
-        if a < nb:
-            for j in joints_of[a]:
-                waiting[j] -= 1
-        for b in alive[a] | (set(joints_of[a]) if a < nb else set()):
-            if waiting[b] == 0 and not done[b]:
-                heapq.heappush(heap, (degree(b), b))
-    return np.array(order, dtype=np.int64), behind
+    return saddle, _structure(order, [later[a] for a in found_order], place, size[order], at, found)
 
 
 def _structure(

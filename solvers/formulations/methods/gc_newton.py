@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from ..compiled.algebra import clear, copy, sines, turned_by
+from ..compiled.algebra import clear, copy, sines, times, times_transposed, turned_by
 from ..compiled.entries import apart, inner, run
 from ..compiled.marching import NOT_FINITE, STUCK
 from .gc_step import move_poses
@@ -23,21 +23,6 @@ CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
 NEAR = 3.0  # decades of the determinant below its largest, where rows that lose rank look like redundant ones
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
-
-SCHEME = np.dtype(
-    [(name, "f8") for name in (
-        "gauge", "b_term", "tolerance", "refresh", "extrapolate", "c_bar", "k_bar", "penalty", "accept", "soft",
-        "growth", "singular_turn", "max_turn",
-        # of the present step: its length, penalty, length of the factor's step (0: none), norms (80) and (81), log10 of
-        # the determinant, its change, its largest; length of the last step (0: none)
-        "h", "xi", "factored", "norm", "slip", "log_det", "fall", "highest", "last",
-    )]
-    + [(name, "i8") for name in (
-        "use_f_bar", "keep_nu", "corrective", "by_forces", "carry_sigma", "velocity", "pushed", "max_newton",
-        "active", "always_nested", "lambda_bar", "closes_pose", "redundant", "max_augmentations",
-        "nested", "outcome", "corrections",  # inside the nested loop; of the last try: outcome, corrections before it
-    )]
-)  # fmt: skip
 
 TERMS = (  # of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end
     "nu", "nu_start",  # nu0 = gauge nu + nu_start
@@ -258,13 +243,11 @@ def begin_step(s):
             lam_bar = o.lam0[a] - (g.penalty * o.phi0[a] if g.lambda_bar else 0.0)
             o.G0[a] += o.c_bar0[a] * o.mu0[a] + o.k_bar0[a] * lam_bar
     for b in range(len(k.mass)):
-        v, f, J, R, out = s.v0[b], s.force0[b], k.J[b], s.R0[b], s.known[b]
-        t0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5] + half * f[3]
-        t1 = J[1, 0] * v[3] + J[1, 1] * v[4] + J[1, 2] * v[5] + half * f[4]
-        t2 = J[2, 0] * v[3] + J[2, 1] * v[4] + J[2, 2] * v[5] + half * f[5]
+        v, f, out = s.v0[b], s.force0[b], s.known[b]
+        p = times(k.J[b], v[3], v[4], v[5])
+        L = times(s.R0[b], p[0] + half * f[3], p[1] + half * f[4], p[2] + half * f[5])
         for q in range(3):
-            out[q] = -k.mass[b] * v[q] - half * f[q]
-            out[3 + q] = -(R[q, 0] * t0 + R[q, 1] * t1 + R[q, 2] * t2)
+            out[q], out[3 + q] = -k.mass[b] * v[q] - half * f[q], -L[q]
     k.t[0] = s.control.t
     run(s.begin)
 
@@ -349,17 +332,18 @@ def evaluate(s):
         o.stiff[a] = 1.0 + half * o.dG[a]
         total += m * o.off[a] * o.off[a]
     for b in range(len(k.mass)):
-        v, f, J, R, out, w = k.v[b], k.force[b], k.J[b], k.R[b], s.off[b], s.known[b]
+        v, f, out, w = k.v[b], k.force[b], s.off[b], s.known[b]
+        back, p = times_transposed(k.R[b], w[3], w[4], w[5]), times(k.J[b], v[3], v[4], v[5])
         for q in range(3):
             out[q] = w[q] + k.mass[b] * v[q] - half * f[q]
-            out[3 + q] = R[0, q] * w[3] + R[1, q] * w[4] + R[2, q] * w[5] - half * f[3 + q]
-            out[3 + q] += J[q, 0] * v[3] + J[q, 1] * v[4] + J[q, 2] * v[5]
+            out[3 + q] = back[q] - half * f[3 + q] + p[q]
     run(s.balance)
     for b in range(len(k.mass)):
-        out, J = s.off[b], k.J_inv[b]
+        out = s.off[b]
+        turn = times(k.J_inv[b], out[3], out[4], out[5])
         for q in range(3):
             total += out[q] * out[q] / k.mass[b]
-            total += out[3 + q] * (J[q, 0] * out[3] + J[q, 1] * out[4] + J[q, 2] * out[5])
+            total += out[3 + q] * turn[q]
     g.norm, g.slip = math.sqrt(total), math.sqrt(slip)
     s.control.residuals += 1
 
@@ -375,9 +359,7 @@ def assemble(s):
             s.T[b],
         )  # fmt: skip
         J, T, v = k.J[b], s.T[b], k.v[b]
-        p0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5]
-        p1 = J[1, 0] * v[3] + J[1, 1] * v[4] + J[1, 2] * v[5]
-        p2 = J[2, 0] * v[3] + J[2, 1] * v[4] + J[2, 2] * v[5]
+        p0, p1, p2 = times(J, v[3], v[4], v[5])
         for q in range(3):
             K[b, q, q] = k.mass[b]
             x, y, z = T[q], T[3 + q], T[6 + q]  # d(R J Omega) = R (J dOmega - J Omega x theta)

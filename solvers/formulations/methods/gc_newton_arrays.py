@@ -9,7 +9,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.block_lu import factor, solve
-from ..compiled.bundles import make_bundle
+from ..compiled.bundles import make_bundle, make_record
 from ..compiled.entries import Bound
 from ..compiled.host import Method, integrate
 from ..compiled.kernel import Kernel, Loops, places_of
@@ -20,7 +20,7 @@ from ..generated import Program
 from ..rows.kept import newton_code
 from . import gc_newton
 from .choices import TOLD, Settings
-from .gc_newton import ARRAYS, PARTS, SCHEME, TERMS
+from .gc_newton import ARRAYS, PARTS, TERMS
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
 
@@ -49,18 +49,12 @@ def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
     """The method with these choices."""
-    p = settings.penalty
-    given = settings._asdict() | p._asdict()
-    choices = {name: given[name] for name in SCHEME.names or () if name in given} | {
-        "penalty": p.xi, "nested": 0, "always_nested": p.nested, "closes_pose": p.correct_pose,
-        "max_turn": max_turn or np.inf, "velocity": mu0 == "velocity",
-    }  # fmt: skip
     of_system = partial(
-        make_step, system=system, direction=settings.direction, couple=bool(settings.couple), choices=choices
+        make_step, system=system, settings=settings, max_turn=max_turn or np.inf, velocity=mu0 == "velocity"
     )
     return Method(
         of_system, gc_newton.step, gc_newton.finish, gc_newton.start, counters=COUNTERS, most_cuts=max_cuts,
-        tells=TOLD if p.active else TOLD[:4], explain=partial(explain, most_cuts=max_cuts), needs=NEEDED,
+        tells=TOLD if settings.active else TOLD[:4], explain=partial(explain, most_cuts=max_cuts), needs=NEEDED,
     )  # fmt: skip
 
 
@@ -69,15 +63,19 @@ ENTRIES = (*PARTS, "measure", "direction", "begin", "balance", "slopes", "factor
 
 
 def make_step(
-    k: Kernel, control: np.ndarray, *, system: MultibodySystem, direction: int, couple: bool, choices: dict[str, float]
-) -> Any:
-    """Arrays of one step."""
-    nb, nr = len(k.mass), len(k.lam)
-    scheme = np.zeros((), dtype=SCHEME)
-    for name, value in choices.items():
-        scheme[name] = value
-    scheme["xi"], scheme["highest"] = scheme["penalty"], -np.inf
-    scheme["pushed"] = any(len(getattr(system, f"{kind}_i")) for kind in ("spring", "torsion", "load", "user"))
+    k: Kernel, control: np.ndarray, *, system: MultibodySystem, settings: Settings, max_turn: float = np.inf,
+    velocity: bool = False,
+) -> Any:  # fmt: skip
+    """Arrays of one step; ``velocity``: the first mu is the velocity along c_R."""
+    nb, nr, direction, couple = len(k.mass), len(k.lam), settings.direction, bool(settings.couple)
+    pushes = any(len(getattr(system, f"{kind}_i")) for kind in ("spring", "torsion", "load", "user"))
+    scheme = make_record(
+        **settings.numbers(), max_turn=max_turn, velocity=velocity, pushed=pushes,
+        # of the present step: its length, penalty, length of the factor's step (0: none), norms (80) and (81), log10 of
+        # the determinant, its change, its largest; length of the last step (0: none)
+        h=0.0, xi=settings.penalty, factored=0.0, norm=0.0, slip=0.0, log_det=0.0, fall=0.0, highest=-np.inf, last=0.0,
+        nested=0, outcome=0, corrections=0,  # inside the nested loop; of the last try: outcome, corrections before it
+    )  # fmt: skip
     pair_at = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
     pushed = {(int(a), int(b)) for kind in ("spring", "torsion", "user")
               for one in zip(getattr(system, f"{kind}_i"), getattr(system, f"{kind}_j"), strict=True)
@@ -87,7 +85,7 @@ def make_step(
     couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in k.body]
     step = make_bundle(
         "Step", ARRAYS, {"nb": nb, "nr": nr, "n": len(lu.x)}, ENTRIES, control=control, kernel=k, scheme=scheme,
-        told=np.zeros(len(TOLD) if scheme["active"] else 4),
+        told=np.zeros(len(TOLD) if settings.active else 4),
         terms=make_bundle("Terms", dict.fromkeys(TERMS, "nr"), {"nr": nr}),
         # pairs of the kernel: load of end e by the motion of end o; places of rows in ``lu.x``
         couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2), saddle=saddle, lu=lu,
@@ -98,7 +96,7 @@ def make_step(
     entries: dict[str, Any] = dict(loops.entries())
     entries |= {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu)}
     step = step._replace(**entries)
-    optional = {"leave_redundant": scheme["redundant"], "correct_pose": scheme["closes_pose"]}
+    optional = {"leave_redundant": settings.redundant, "correct_pose": settings.closes_pose}
     for name in PARTS:
         entered = optional.get(name, 1)
         entry: dict[str, Any] = {name: Bound(getattr(gc_newton, name), step) if entered else Program([])}

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import clear, copy, turned_by
+from ..compiled.algebra import clear, copy, times, times_transposed, turned_by
 from ..compiled.bundles import make_bundle, make_record
 from ..compiled.entries import Bound, inner, run
 from ..compiled.kernel import Kernel
@@ -56,12 +56,11 @@ ENTRIES = (
 
 def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Any:
     """Arrays and entries of one step."""
-    nb, depth, c = len(kernel.mass), DEEP if choices.whole else DEPTH, choices
-    scheme = make_record(  # the free choices; log10 det S and its last change; steps known of the past, whether there
-        # is a factor, the rank of the rows at the start, whether the next step has begun
-        gauge=float(c.gauge), b_term=float(c.b_term), tolerance=float(c.tolerance), refresh=float(c.refresh),
-        log_det=0.0, fall=0.0, direction=c.direction, use_f_bar=int(c.use_f_bar), keep_nu=int(c.keep_nu),
-        known=0, factored=0, rank=0, begun=0,
+    nb, depth = len(kernel.mass), DEEP if choices.whole else DEPTH
+    scheme = make_record(
+        # log10 det S and its last change; steps known of the past, whether there is a factor, the rank of the rows at
+        # the start, whether the next step has begun
+        **choices.numbers(), log_det=0.0, fall=0.0, known=0, factored=0, rank=0, begun=0,
     )  # fmt: skip
     weight = system.mass[:, None] * system.gravity
     numbers = np.concatenate(
@@ -69,15 +68,15 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
     )
     step = make_bundle(
         "Step", ARRAYS, {"nb": nb, "nr": len(kernel.lam), "depth": depth}, ENTRIES, control=control, kernel=kernel,
-        scheme=scheme, told=np.zeros(len(TOLD)), plan=np.array([0.0, 0.0, c.gauge]), numbers=numbers,
+        scheme=scheme, told=np.zeros(len(TOLD)), plan=np.array([0.0, 0.0, choices.gauge]), numbers=numbers,
     )  # fmt: skip
     if choices.whole:
         return _with_code(system, step, choices)
     loops = WrenchLoops(system, kernel)
     loops.at = step
-    made = loops.entries(c.direction, use_f_bar=bool(c.use_f_bar))
+    made = loops.entries(choices.direction, use_f_bar=bool(choices.use_f_bar))
     step = step._replace(start=made.pop("begin"), **made)
-    correct = Bound(correct_poses, kernel) if choices.penalty.correct_pose else Program([])
+    correct = Bound(correct_poses, kernel) if choices.closes_pose else Program([])
     return step._replace(
         begin=Bound(begin_by_loops, step), factor=Bound(factor_by_loops, step), iterate=Bound(iterate_by_loops, step),
         correct=correct,
@@ -86,8 +85,8 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
 
 def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
     """Entries of straight code for the mechanism."""
-    k, names = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu")
-    code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: getattr(choices, name) for name in names})
+    k, names, given = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu"), choices.numbers()
+    code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: given[name] for name in names})
     start, factor, poses = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R]
     moved, v, nu = [np.zeros_like(k.r), np.zeros_like(k.R)], np.zeros_like(k.v), np.zeros_like(s.nu)
 
@@ -102,7 +101,7 @@ def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
             ("iterate", [k.t, s.plan, k.r, k.R, k.v, s.known, start, s.nu, factor, v, nu, s.square]),
             ("copy", [v, nu, k.v, s.nu]),
         ),
-        correct=program(*correct * PASSES * choices.penalty.correct_pose),
+        correct=program(*correct * PASSES * choices.closes_pose),
     )  # fmt: skip
 
 
@@ -128,9 +127,9 @@ def restart(s, v_dot, lam):
 def _spin(k, u):
     """u := (r_dot, R Omega) of the velocities of ``k``."""
     for b in range(len(k.mass)):
-        R, x, y, z = k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5]
+        omega = times(k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5])
         for a in range(3):
-            u[b, a], u[b, 3 + a] = k.v[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
+            u[b, a], u[b, 3 + a] = k.v[b, a], omega[a]
 
 
 @inner
@@ -161,13 +160,11 @@ def begin_by_loops(s):
     """``begin`` of any mechanism."""
     k, h = s.kernel, 2.0 * s.plan[0]
     for b in range(len(k.mass)):
-        v, J = k.v[b], k.J[b]
-        l0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5]
-        l1 = J[1, 0] * v[3] + J[1, 1] * v[4] + J[1, 2] * v[5]
-        l2 = J[2, 0] * v[3] + J[2, 1] * v[4] + J[2, 2] * v[5]
+        v = k.v[b]
+        p = times(k.J[b], v[3], v[4], v[5])
+        L = times(k.R[b], p[0], p[1], p[2])
         for a in range(3):
-            k.w[b, a] = k.mass[b] * v[a] + h * s.numbers[b, a]
-            k.w[b, 3 + a] = k.R[b, a, 0] * l0 + k.R[b, a, 1] * l1 + k.R[b, a, 2] * l2
+            k.w[b, a], k.w[b, 3 + a] = k.mass[b] * v[a] + h * s.numbers[b, a], L[a]
     _spin(k, s.u)
     run(s.start)
     copy(s.f_bar, s.f_bar0)
@@ -200,19 +197,13 @@ def _to_velocities(s):
     """w := M^-1 R^T w; ``u`` those velocities in space; load := 0."""
     k = s.kernel
     for b in range(len(k.mass)):
-        R, x, y, z = k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5]
-        t0 = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
-        t1 = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
-        t2 = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
-        J = k.J_inv[b]
-        x = J[0, 0] * t0 + J[0, 1] * t1 + J[0, 2] * t2
-        y = J[1, 0] * t0 + J[1, 1] * t1 + J[1, 2] * t2
-        z = J[2, 0] * t0 + J[2, 1] * t1 + J[2, 2] * t2
-        k.w[b, 3], k.w[b, 4], k.w[b, 5] = x, y, z
+        p = times_transposed(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5])
+        Omega = times(k.J_inv[b], p[0], p[1], p[2])
+        omega = times(k.R[b], Omega[0], Omega[1], Omega[2])
         for a in range(3):
             k.w[b, a] /= k.mass[b]
             s.load[b, a] = s.load[b, 3 + a] = 0.0
-            s.u[b, a], s.u[b, 3 + a] = k.w[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
+            k.w[b, 3 + a], s.u[b, a], s.u[b, 3 + a] = Omega[a], k.w[b, a], omega[a]
 
 
 def factor_by_loops(s):
@@ -259,24 +250,21 @@ def _take_velocities(s):
     """v := w + M^-1 R^T load; the square of the change in the norm of M [J]."""
     k, total = s.kernel, 0.0
     for b in range(len(k.mass)):
-        R, J, m = k.R[b], k.J_inv[b], s.load[b]
-        t0 = R[0, 0] * m[3] + R[1, 0] * m[4] + R[2, 0] * m[5]
-        t1 = R[0, 1] * m[3] + R[1, 1] * m[4] + R[2, 1] * m[5]
-        t2 = R[0, 2] * m[3] + R[1, 2] * m[4] + R[2, 2] * m[5]
+        m = s.load[b]
+        t = times_transposed(k.R[b], m[3], m[4], m[5])
+        turn = times(k.J_inv[b], t[0], t[1], t[2])
         for a in range(3):
             x = k.w[b, a] + m[a] / k.mass[b]
             d = x - k.v[b, a]
             total += k.mass[b] * d * d
             k.v[b, a] = x
-        d0 = k.w[b, 3] + J[0, 0] * t0 + J[0, 1] * t1 + J[0, 2] * t2
-        d1 = k.w[b, 4] + J[1, 0] * t0 + J[1, 1] * t1 + J[1, 2] * t2
-        d2 = k.w[b, 5] + J[2, 0] * t0 + J[2, 1] * t1 + J[2, 2] * t2
+        d0, d1, d2 = k.w[b, 3] + turn[0], k.w[b, 4] + turn[1], k.w[b, 5] + turn[2]
         x, y, z = d0 - k.v[b, 3], d1 - k.v[b, 4], d2 - k.v[b, 5]
         k.v[b, 3], k.v[b, 4], k.v[b, 5] = d0, d1, d2
-        J = k.J[b]
-        total += x * (J[0, 0] * x + J[0, 1] * y + J[0, 2] * z)
-        total += y * (J[1, 0] * x + J[1, 1] * y + J[1, 2] * z)
-        total += z * (J[2, 0] * x + J[2, 1] * y + J[2, 2] * z)
+        p = times(k.J[b], x, y, z)
+        total += x * p[0]
+        total += y * p[1]
+        total += z * p[2]
     return total
 
 

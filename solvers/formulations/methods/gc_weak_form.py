@@ -39,16 +39,16 @@ def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
         one = make_step(system, kernel, control, choices)
-        told, penalty = one.told if choices.penalty.active else one.told[:4], np.array([choices.penalty.xi])
+        told, penalty = one.told if choices.active else one.told[:4], np.array([choices.penalty])
         plain = make_bundle("Plain", {}, {}, ("begin_next",), step=one, told=told, penalty=penalty)
         return plain._replace(begin_next=Bound(begin_next, plain))
 
     def relieve(problem: Problem, marcher: Marcher) -> Any:
-        return Relieved(problem, marcher, full, bool(choices.penalty.active))
+        return Relieved(problem, marcher, full, bool(choices.active))
 
     return Method(
-        prepare, step, finish, start, counters=full.counters, tells=TOLD if choices.penalty.active else TOLD[:4],
-        needs=(*NEEDED, *(("push",) if choices.penalty.correct_pose else ())), relieve=relieve,
+        prepare, step, finish, start, counters=full.counters, tells=TOLD if choices.active else TOLD[:4],
+        needs=(*NEEDED, *(("push",) if choices.closes_pose else ())), relieve=relieve,
         notes=("code of the mechanism",) if choices.whole else (),
     )  # fmt: skip
 

@@ -14,6 +14,7 @@ from mbsbench.problems.random_mechanism import arbitrary_body
 from mbsbench.solvers.formulations.compiled.entries import Program
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.compiled.marching import new_control
+from mbsbench.solvers.formulations.methods.choices import Settings
 from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_step
 
 from ..arbitrary_joints import LOADS, MOVING, SPRING, all_joints, moving_row
@@ -39,9 +40,6 @@ SYSTEMS = {
     "all moving rows": all_moving(),
 }  # fmt: skip
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
-USUAL = {
-    "gauge": -1.0, "b_term": 1.0, "tolerance": 1e-8, "use_f_bar": 1, "max_newton": 20, "penalty": 1.0,
-}  # fmt: skip
 alive = []
 
 
@@ -51,7 +49,7 @@ def arbitrary_step(system: MultibodySystem, direction: int = 0, **choices: float
     k = make_kernel(system, NEEDED)
     alive.append(k)
     control = new_control(h=DT, dt=DT, t_end=1.0)
-    s = make_step(k, control, system=system, direction=direction, couple=True, choices=USUAL | choices)
+    s = make_step(k, control, system=system, settings=Settings(direction=direction, **choices))
     start_at(k, arbitrary(system, 5))
     s.scheme["h"] = DT
     Program.run(s.complete)
@@ -164,9 +162,9 @@ def test_lambda_bar_is_lam_minus_xi_phi():
     forces = []
     for on in (0, 1):
         s = arbitrary_step(
-            SYSTEMS["springs"], gauge=0.0, corrective=1, by_forces=1, k_bar=30.0, active=1, nested=1, penalty=1e3,
-            lambda_bar=on,
-        )  # fmt: skip
+            SYSTEMS["springs"], gauge=0.0, corrective=1, by_forces=1, k_bar=30.0, active=1, penalty=1e3, lambda_bar=on
+        )
+        s.scheme["nested"] = 1
         Program.run(s.evaluate)
         forces.append(s.terms.G1.copy())
     added = -1e3 * s.terms.k_bar1 * s.terms.phi1
