@@ -132,7 +132,7 @@ def scales(
     """Scales of the exact motion, and of a run beyond its horizon; of ``bodies`` alone, which ``run`` is of then."""
     bodies = np.arange(problem.system.nb) if bodies is None else bodies
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
-    could = possible(system, start)
+    could = scales_at_rest(system, start)
     known, t = measure_reach(system, start, States.one(start)), np.zeros(1)
     if exact is not None:
         t = np.append(0.0, np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES))
@@ -165,7 +165,7 @@ def scales(
         end = int(np.argmax(broken))
 
 
-def possible(system: MultibodySystem, start: State) -> Scales:
+def scales_at_rest(system: MultibodySystem, start: State) -> Scales:
     """Scales of a system that stays at rest: arms of joints, spread of the C's, T(0) + m g L."""
     gyration = float(np.max(system.gyration))
     spread = float(np.linalg.norm(np.ptp(start.r, axis=0)))

@@ -23,11 +23,11 @@ from jaxtyping import Float, Int
 from ..declaring import Count, JointDeclaration
 from ..time_functions import NONE, TimeFunction
 from . import kinds
-from .frames import Directions, Vector, beside, unit
+from .frames import Directions, Vector, normals_beside, unit
 
 __all__ = [
     "DECLARED", "KINDS", "ROWS", "AxisRows", "Count", "Joint", "JointKind", "Kind", "LineRows", "MovingKind",
-    "MovingRows", "Vector", "beside", "chosen", "directions", "unit",
+    "MovingRows", "Vector", "chosen", "directions", "unit",
 ]  # fmt: skip
 
 
