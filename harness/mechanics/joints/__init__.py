@@ -27,7 +27,7 @@ from .frames import Directions, Vector, normals_beside, unit
 
 __all__ = [
     "DECLARED", "KINDS", "ROWS", "AxisRows", "Count", "Joint", "JointKind", "Kind", "LineRows", "MovingKind",
-    "MovingRows", "Vector", "chosen", "directions", "normals_beside", "unit",
+    "MovingRows", "Vector", "directions", "normals_beside", "unit",
 ]  # fmt: skip
 
 
