@@ -98,7 +98,7 @@ class MultibodySystem:
 
     @property
     def lent(self) -> Float[np.ndarray, "nb 3 3"]:
-        """What bodies are lent about axes without inertia [kg m2]: 0 but for slender rods and point masses."""
+        """Inertia added about axes without any [kg m2]: 0 but for slender rods and point masses."""
         if not np.any(principal(self.inertia)[2]):
             return np.zeros_like(self.inertia)
         arm = np.zeros(self.nb + 1)  # the last one is the ground

@@ -30,7 +30,7 @@ Rows = Float[np.ndarray, "nt 6"]  # of a motion: displacement, speed, momentum, 
 
 @dataclass(frozen=True)
 class Scales:
-    """What the motion of a system reaches."""
+    """Sizes that the motion of a system reaches."""
 
     length: float  # [m] the farthest that a body moves from its start (``displacement``): what errors are compared with
     speed: float  # [m/s] the largest of a body (``speeds``)
@@ -59,7 +59,7 @@ class Scales:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run reaches, how it keeps the laws (nt,), and how many of its steps the exact motion covers."""
+    """Sizes that a run reaches, how it keeps the laws (nt,), and how many of its steps the exact motion covers."""
 
     rows: Rows
     laws: Mapping[Law, np.ndarray]
@@ -104,7 +104,7 @@ def speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
 
 
 def measure_reach(system: MultibodySystem, start: State, s: States) -> Rows:
-    """What a motion from ``start`` reaches at each time; relative to the total C if nothing is joined to the ground.
+    """Sizes reached by a motion from ``start`` at each time; relative to the total C if nothing is joined to the ground.
 
     Of a motion that all bodies share, speeds and energies still count by ``REST``: less is not resolved beside them.
     """

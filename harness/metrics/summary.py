@@ -107,7 +107,7 @@ def _limits(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
 
 
 def _shares(problem: Problem, m: Measured) -> dict[str, float]:
-    """What is judged of constraints, over its limit: of the mechanism that comes nearest to it."""
+    """Judged sizes of constraints over their limits: of the mechanism that comes nearest to it."""
     if problem.literal_start or problem.system.nrows == 0:
         return {}
     names = {"gap_share_max": Law.CONSTRAINT, "gap_rate_share_max": Law.CONSTRAINT_RATE}

@@ -36,7 +36,7 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Point:
-    """What one run cost and its errors; ``works`` and ``errors`` by the keys of ``WORKS`` and ``ERRORS``."""
+    """Cost and errors of one run; ``works`` and ``errors`` by the keys of ``WORKS`` and ``ERRORS``."""
 
     variant: str
     problem: str
@@ -121,7 +121,7 @@ def work_plots(name: str, points: Sequence[Point], pairs: Sequence[tuple[str, st
 
 @dataclass(frozen=True)
 class Race:
-    """What ``target`` costs each solver, as on all pages; the cheapest first, and who does not get there."""
+    """The cost of ``target`` for each solver, as on all pages; the cheapest first, and who does not get there."""
 
     target: float
     costs: Sequence[tuple[float, str]]

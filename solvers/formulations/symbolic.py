@@ -139,7 +139,7 @@ DIRECTIONS = ("a", "mass", "translation")
 
 @lru_cache(ELEMENTS)
 def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
-    """What Eq. (65) needs of the rows, at u_dot = 0; of ``joint_numbers``, then m_i, J_i, m_j, J_j, 1 if j moves.
+    """The terms of Eq. (65) of the rows at u_dot = 0; of ``joint_numbers``, then m_i, J_i, m_j, J_j, 1 if j moves.
 
     Outputs: A in the chart, ``gamma`` = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the
     coordinate-free velocities V, c with a . c = 1 per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not

@@ -47,7 +47,7 @@ class JointKind(StrEnum):
 
 
 class MovingKind(StrEnum):
-    """What prescribes a motion by functions of time, or restricts velocities alone: beside the joints of a pair."""
+    """Kinds that prescribe a motion by functions of time, or restrict velocities alone: beside the joints of a pair."""
 
     DRIVEN_POSITION = "driven position"  # of the point of i along axis_j, from the point of j
     DRIVEN_ANGLE = "driven angle"  # of across_i from across_j, about the axis

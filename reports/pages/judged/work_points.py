@@ -1,4 +1,4 @@
-"""What each run cost and how far off it was: from the judgement where there is one, else from the records."""
+"""Cost and error of each run: from the judgement where there is one, else from the records."""
 
 from collections import Counter
 from collections.abc import Sequence
