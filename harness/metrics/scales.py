@@ -104,7 +104,7 @@ def speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
 
 
 def measure_reach(system: MultibodySystem, start: State, s: States) -> Rows:
-    """Sizes reached by a motion from ``start`` at each time; relative to the total C if nothing is joined to the ground.
+    """Sizes reached by a motion from ``start`` at each time, relative to the total C if none is joined to the ground.
 
     Of a motion that all bodies share, speeds and energies still count by ``REST``: less is not resolved beside them.
     """
