@@ -58,14 +58,14 @@ class Watch:
             self._say(line)
         self.tick()
 
-    def started(self, job: Job) -> None:
+    def on_start(self, job: Job) -> None:
         self.compiling = self.warming = False
         self.begun = min(self.begun, time.monotonic())
         self.waiting.pop(job.id, None)
         self.running[job.id] = (job, time.monotonic())
         self.tick()
 
-    def ended(self, job: Job, record: RunRecord) -> None:
+    def on_end(self, job: Job, record: RunRecord) -> None:
         self.running.pop(job.id, None)
         self.done += 1
         if record.wall_s > 0.0:
@@ -81,7 +81,7 @@ class Watch:
         self._say(f"{count} {words}", status_style(record.status))
         self.tick()
 
-    def warmed(self, times: dict[str, float], references: dict[str, float]) -> None:
+    def on_warmup(self, times: dict[str, float], references: dict[str, float]) -> None:
         for done, spent in (("compiled", times), ("reference computed", references)):
             for name, seconds in spent.items():
                 if seconds > PATIENCE:
@@ -98,7 +98,7 @@ class Watch:
             self.reported = now
             self._say(f"    {self.count()}; {self.drift()}" if self.worst[1] else f"    {self.count()}")
 
-    def stopped(self, left: Sequence[Job], limit: float) -> None:
+    def on_stop(self, left: Sequence[Job], limit: float) -> None:
         self.left = len(left)
         name = "the suite's total_limit" if self.resumable else "the budget"
         self._say(f"stopped at {name} of {limit:.3g} s", "yellow")

@@ -53,7 +53,7 @@ class Printed:
 
 
 def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
-    """What ``mbsbench figures`` does; ``only`` are names of variants, or of problems that have none of that name."""
+    """The command ``mbsbench figures``; ``only`` are names of variants, or of problems that have none of that name."""
     results = read_results(Path(folder), check_series=False)
     titles = {p.title for p in results.variants}
     known = titles | {p.problem for p in results.variants}

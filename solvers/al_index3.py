@@ -31,5 +31,4 @@ class AlIndex3(ClosedMarch):
     order: ClassVar[float] = 2.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        scheme = {"beta": 0.25, "gamma": 0.5, "shift": self.regularisation, "projected": True}
-        return alpha_steps(problem, self.tolerance, **scheme)
+        return alpha_steps(problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True)

@@ -16,7 +16,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.clock import cpu_seconds
 from ..harness.types import Problem, Status, StepControl, Trajectory
-from .formulations.methods.choices import GaugeChoices, Penalty
+from .formulations.methods.choices import GaugeChoices
 from .formulations.methods.gc_weak_form import integrate_weak_form
 from .formulations.methods.passages import passages
 from .formulations.rank import rows_to_keep
@@ -76,14 +76,12 @@ class GcAugmentedLagrangian(GaugeChoices):
 
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
-        penalty = Penalty(
-            active=1, nested=int(self.loop == "nested"), xi=self.penalty, max_augmentations=self.max_augmentations,
-            accept=self.of_energy(self.accept, problem),
-            correct_pose=int(correct), soft=self.soft_penalty, lambda_bar=int(self.lambda_bar),
-            growth=self.penalty_growth,
-            singular_turn=self.singular_turn or float("inf"), redundant=int(redundant > 0),
+        settings = self.settings(problem)._replace(
+            active=1, always_nested=self.loop == "nested", penalty=self.penalty,
+            max_augmentations=self.max_augmentations, accept=self.of_energy(self.accept, problem), closes_pose=correct,
+            soft=self.soft_penalty, lambda_bar=self.lambda_bar, growth=self.penalty_growth,
+            singular_turn=self.singular_turn or float("inf"), redundant=redundant > 0,
         )  # fmt: skip
-        settings = self.settings(problem)._replace(penalty=penalty)
         set_up = cpu_seconds() - began
         out = integrate_weak_form(problem, control, self, settings)
         if out.status is Status.REFUSED:

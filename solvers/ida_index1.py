@@ -16,7 +16,6 @@ from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
 from .formulations.ida import integrate
 from .formulations.recording import Clock
-from .formulations.start import consistent, coordinates_and_velocities, layout_for, start_unloaded
 
 
 @solver("ida_index1")
@@ -29,9 +28,7 @@ class IdaIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-FI"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        layout, notes = layout_for(problem, self.coordinates)
-        y = coordinates_and_velocities(layout, problem)
-        y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else start_unloaded(layout, y)
+        layout, notes, y, y_dot = self.start(problem)
         form = self.implicit(layout, self.form, self.alpha, self.beta)
         out_of_test = () if self.lambda_in_error_test else (layout.lam,)
         return integrate(problem, control, layout, form, y, y_dot, out_of_test, notes, clock)

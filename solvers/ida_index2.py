@@ -20,7 +20,7 @@ from .formulations.ida import integrate
 from .formulations.layout import Stabilised
 from .formulations.recording import Clock
 from .formulations.refusals import without_phi
-from .formulations.start import consistent, coordinates_and_velocities, layout_for
+from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
 
 
 @solver("ida_index2")
@@ -44,7 +44,7 @@ class IdaIndex2(ImplicitOptions):
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         rate = self.alpha if self.form == "velocity" else 0.0  # the row's derivative: phi_ddot + rate phi_dot
-        y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), rate / 2.0, 0.0)
+        y, y_dot = make_consistent(layout, coordinates_and_velocities(layout, problem), rate / 2.0, 0.0)
         multipliers = [layout.lam]
         if self.form == "ggl":
             layout = stabilised = Stabilised(layout.system, layout.chart, layout.kept)

@@ -17,7 +17,7 @@ from .formulations.classical import ImplicitOptions
 from .formulations.ida import integrate
 from .formulations.recording import Clock
 from .formulations.refusals import without_phi
-from .formulations.start import consistent, coordinates_and_velocities, layout_for
+from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
 
 
 @solver("ida_index3")
@@ -39,7 +39,7 @@ class IdaIndex3(ImplicitOptions):
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
-        y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), 0.0, 0.0)
+        y, y_dot = make_consistent(layout, coordinates_and_velocities(layout, problem), 0.0, 0.0)
         form = self.implicit(layout, "position", 0.0, 0.0)
         velocities = () if self.velocities_in_error_test else (layout.u,)
         multipliers = () if self.lambda_in_error_test else (layout.lam,)

@@ -36,7 +36,6 @@ from .formulations.ida import tolerances
 from .formulations.layout import Layout
 from .formulations.newton import Scheme, maximum, ndf_newton, root_mean_square
 from .formulations.recording import Clock, StepFailure, march
-from .formulations.start import consistent, coordinates_and_velocities, layout_for, start_unloaded
 
 
 @solver("ndf_index1")
@@ -59,9 +58,7 @@ class NdfIndex1(BaumgarteOptions):
     scheme: ClassVar[Scheme] = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        layout, notes = layout_for(problem, self.coordinates)
-        y = coordinates_and_velocities(layout, problem)
-        y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else start_unloaded(layout, y)
+        layout, notes, y, y_dot = self.start(problem)
         which = "se" if self.accelerations == "eliminated" else "fi"
         form = self.implicit(layout, which, self.alpha, self.beta)
         assert control.rtol is not None  # the catalogue has seen to it

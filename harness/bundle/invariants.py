@@ -1,4 +1,4 @@
-"""What the invariants of a problem are, in numbers: which momentum or rate, along which direction of space or body."""
+"""The invariants of a problem in numbers: which momentum or rate, along which direction of space or body."""
 
 import math
 from collections.abc import Iterator

@@ -1,1 +1,1 @@
-"""What there is to run: problems and solvers with their options, from this tree and from plugins."""
+"""The catalogues: problems and solvers with their options, from this tree and from plugins."""

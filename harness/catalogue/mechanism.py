@@ -38,7 +38,7 @@ NEAR = 1e-9  # of directions and points that must agree, in files printed with a
 
 
 class Omitted(StrEnum):
-    """What a file may hold and is not taken over."""
+    """Contents of a file that are not taken over."""
 
     ACTUATORS = "actuators"
     COLLIDING = "colliding geoms"

@@ -122,7 +122,7 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, C, drawn
 
 
 def _run_member(e: Ensemble, code: Code, member: int) -> tuple[Parts, str]:
-    """What it reached, and why it did not reach more."""
+    """States reached, and why it did not reach more."""
     parts = _nothing(e)
     try:
         problem = dataclasses.replace(e.problem, initial=e.start(member))

@@ -51,7 +51,7 @@ def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list
 
 
 def judge(found: list[Comparison]) -> str:
-    """What all comparisons of a solver together show."""
+    """The verdict on all comparisons of a solver together."""
     missing = max(c.missing for c in found)
     tests = [p for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
     if not tests:

@@ -41,10 +41,10 @@ class DaskPool:
     """Runs jobs on the Dask cluster at ``address`` (``tcp://host:port``, or a scheduler file)."""
 
     address: str
-    started: Callable[[Job], None] = lambda job: None
-    ended: Callable[[Job], None] = lambda job: None
+    on_start: Callable[[Job], None] = lambda job: None
+    on_end: Callable[[Job], None] = lambda job: None
     tick: Callable[[], None] = lambda: None
-    warmed: Callable[[dict[str, float]], None] = lambda times: None
+    on_warmup: Callable[[dict[str, float]], None] = lambda times: None
     _flying: dict[Any, Job] = field(default_factory=dict)
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
@@ -52,7 +52,7 @@ class DaskPool:
         if not jobs:
             return
         client = _client(self.address)
-        limit = limit and limit.begun()  # workers compile beside runs
+        limit = limit and limit.start()  # workers compile beside runs
         ticket = secrets.token_hex(8)  # names this run to the workers, which may serve others after it
         try:
             waiting = list(jobs)[::-1]
@@ -64,12 +64,12 @@ class DaskPool:
                     raise PoolError(
                         f"no worker at {self.address} for {PATIENCE:g} s; finished runs are kept (--resume)"
                     )
-                if limit is not None and limit.over:
+                if limit is not None and limit.is_over:
                     waiting.clear()  # what has not begun returns without files; sent again for workers that join late
                     client.run(stop_here, ticket)
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
-                    self.started(job)
+                    self.on_start(job)
                     future = client.submit(run_run, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)
                     self._flying[future] = job
                 self._collect()
@@ -100,7 +100,7 @@ class DaskPool:
                 write_record(job.folder, cut_short(job, EndedBy.WORKERS_LOST))
             else:
                 raise PoolError(f"a worker cannot execute runs: {failed}")
-            self.ended(job)
+            self.on_end(job)
 
 
 _stopped: set[str] = set()  # on a worker: tickets of runs that have met their limit

@@ -1,4 +1,4 @@
-"""What ``refuses`` and ``solve`` may return; a breach costs one run and names the author's file and line."""
+"""Values that ``refuses`` and ``solve`` may return; a breach costs one run and names the author's file and line."""
 
 import inspect
 import math

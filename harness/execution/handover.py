@@ -1,4 +1,4 @@
-"""What a solver's process hands over: its motion as plain arrays and what it says about them, in one file.
+"""The file that a solver's process hands over: its motion as plain arrays, and what it says about them.
 
 The file is read by a process that never ran the solver's code, and nothing in it is believed: sizes and types are
 those of the problem, or the run has crashed.
@@ -81,7 +81,7 @@ def write(path: Path | Place, handed: Handover) -> None:
 
 
 def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -> Handover | None:
-    """What was handed over for ``system`` by a process that took ``spent`` [s] of CPU; None if nothing was.
+    """The motion handed over for ``system`` by a process that took ``spent`` [s] of CPU; None if nothing was.
 
     FileError if it is not what it must be.
     """

@@ -35,14 +35,14 @@ class TimeLimit:
     process: int = 0  # below which all runs are
     most: float = math.inf  # [s] of CPU that it and all below it may have taken
 
-    def begun(self, process: int = 0, size: int = 1) -> "TimeLimit":
+    def start(self, process: int = 0, size: int = 1) -> "TimeLimit":
         """The clock runs; with the supervisor ``process`` of ``size`` runs at a time that on CPU time."""
         slack = SLACK if process else 1.0
         most = cpu_seconds_below(process) + size * self.seconds if process else math.inf
         return TimeLimit(self.seconds, time.monotonic() + slack * self.seconds, process, most)
 
     @property
-    def over(self) -> bool:
+    def is_over(self) -> bool:
         """Whether either is over."""
         late = time.monotonic() > self.until
         return late or (math.isfinite(self.most) and cpu_seconds_below(self.process) > self.most)
@@ -53,10 +53,10 @@ class LocalPool:
     """Runs jobs, telling when each starts and ends; ``tick`` is called a few times a second."""
 
     size: int
-    started: Callable[[Job], None] = lambda job: None
-    ended: Callable[[Job], None] = lambda job: None
+    on_start: Callable[[Job], None] = lambda job: None
+    on_end: Callable[[Job], None] = lambda job: None
     tick: Callable[[], None] = lambda: None
-    warmed: Callable[[dict[str, float], dict[str, float]], None] = lambda times, references: None
+    on_warmup: Callable[[dict[str, float], dict[str, float]], None] = lambda times, references: None
     _flying: dict[str, Job] = field(default_factory=dict)
     _compiling: bool = False
     _attempts: dict[str, int] = field(default_factory=dict)
@@ -75,11 +75,11 @@ class LocalPool:
             if code is None:
                 return
             deaths = deaths + 1 if len(waiting) == before else 1  # the supervisor died; a run may have done it
-            if deaths > 3 and not self._over():
+            if deaths > 3 and not self._is_over():
                 raise PoolError(f"the supervisor process ended repeatedly with code {code}")
             for job in self._flying.values():
                 if not path_of(job.folder, job.id).is_there():  # else only the news of its end was lost
-                    if self._limit is not None and self._over():
+                    if self._limit is not None and self._is_over():
                         ending = cut_short(job, EndedBy.TOTAL_LIMIT, ended_limit_s=self._limit.seconds)
                     elif self._attempts[job.id] < 2 + job.alone:
                         waiting.append(job)  # at the end: it goes next, and alone
@@ -87,7 +87,7 @@ class LocalPool:
                     else:
                         ending = cut_short(job, EndedBy.SUPERVISOR_LOST, exit_code=max(code, 0), signal=max(-code, 0))
                     write_record(job.folder, ending)
-                self.ended(job)
+                self.on_end(job)
             self._flying.clear()
 
     def _serve(self, waiting: list[Job]) -> int | None:
@@ -99,7 +99,7 @@ class LocalPool:
                 supervisor.send(Warm(runs_to_warm([job.spec for job in first]), jobs_by_motion(first)))
             self._compiling = bool(first)
             while True:
-                if self._limit is not None and self._over():
+                if self._limit is not None and self._is_over():
                     waiting.clear()
                     self._compiling = False
                     if self._flying and not self._stopped:
@@ -123,24 +123,24 @@ class LocalPool:
         alone = job.id in self._attempts or any(self._attempts[j.id] > 1 for j in self._flying.values())
         return not self._flying if alone else len(self._flying) < self.size
 
-    def _over(self) -> bool:
-        return self._limit is not None and self._limit.over
+    def _is_over(self) -> bool:
+        return self._limit is not None and self._limit.is_over
 
     def _send(self, supervisor: Supervised, job: Job) -> None:
         self._flying[job.id] = job
         self._attempts[job.id] = self._attempts.get(job.id, 0) + 1
-        self.started(job)
+        self.on_start(job)
         supervisor.send(Start(job))
 
     def _receive(self, news: News, supervisor: int) -> None:
         if isinstance(news, Warmed):
-            self.warmed(news.times, news.references)
+            self.on_warmup(news.times, news.references)
             if news.over:
                 self._compiling = False
                 if self._limit is not None and self._limit.until == math.inf:
-                    self._limit = self._limit.begun(supervisor, self.size)
+                    self._limit = self._limit.start(supervisor, self.size)
             return
         job = self._flying.pop(news.run_id)
         if news.error:
             raise PoolError(news.error)
-        self.ended(job)
+        self.on_end(job)

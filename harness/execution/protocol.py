@@ -1,4 +1,4 @@
-"""What the runner and a supervisor process say to each other, one JSON line a message, and the runner's end of it."""
+"""Messages between the runner and a supervisor process, one JSON line a message, and the runner's end of it."""
 
 import contextlib
 import os

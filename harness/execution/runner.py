@@ -41,19 +41,19 @@ class Watcher(Protocol):
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         """Begin a suite of ``total`` runs; those ``waiting`` will be run, the others have results already."""
 
-    def started(self, job: Job) -> None:
+    def on_start(self, job: Job) -> None:
         """A run begins."""
 
-    def ended(self, job: Job, record: RunRecord) -> None:
+    def on_end(self, job: Job, record: RunRecord) -> None:
         """A run has its record."""
 
-    def warmed(self, times: dict[str, float], references: dict[str, float]) -> None:
+    def on_warmup(self, times: dict[str, float], references: dict[str, float]) -> None:
         """Solvers are compiled or references are there, of some at a time; how long each took [s]."""
 
     def tick(self) -> None:
         """Time passes."""
 
-    def stopped(self, left: Sequence[Job], limit: float) -> None:
+    def on_stop(self, left: Sequence[Job], limit: float) -> None:
         """The suite has met its limit [s]; the runs ``left`` had not begun and have no record."""
 
 
@@ -93,13 +93,13 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
         promised: dict[str, RunRecord | None] = {}
 
-        def ended(job: Job) -> None:
+        def note_end(job: Job) -> None:
             promised[job.id] = None
             with contextlib.suppress(FileError):  # gone already: counted at the end
                 promised[job.id] = record = store.read_record(store.path_of(folder, job.id))
-                watcher.ended(job, record)
+                watcher.on_end(job, record)
 
-        def finished() -> Loaded:
+        def collect_results() -> Loaded:
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
             loaded = Loaded(tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable))
             store.write_table(folder, loaded.records)
@@ -107,12 +107,12 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
             return loaded
 
         try:
-            pool(request.jobs, watcher.started, ended, watcher.tick, watcher.warmed).run(waiting, limit)
+            pool(request.jobs, watcher.on_start, note_end, watcher.tick, watcher.on_warmup).run(waiting, limit)
         except BaseException:
             with contextlib.suppress(OSError):  # a full disk: what ended the run has been reported already
-                finished()
+                collect_results()
             raise
-        loaded = finished()
+        loaded = collect_results()
         there = {r.run_id: r for r in loaded.records}
         lost = [i for i in done & own if i not in there]
         lost += [i for i, r in promised.items() if r is None or not store.is_there(folder, r, there.get(i))]
@@ -124,7 +124,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         left = [job for job in waiting if job.id not in there]
         over = any(r.ended_by == EndedBy.TOTAL_LIMIT for r in loaded.records)
         if limit and (left or over):
-            watcher.stopped(left, limit.seconds)
+            watcher.on_stop(left, limit.seconds)
         elif left:
             raise PoolError(f"{len(left)} of {len(jobs)} runs have no result in {folder}; run again with --resume")
     return loaded

@@ -101,7 +101,7 @@ class _Patience:
         self.say, self.doing = say, ""
 
     def now(self, doing: str) -> bool:
-        """What goes on from now on, or still does."""
+        """Note what is being done from now on."""
         if doing != self.doing:
             self.doing, self.began, self.due = doing, time.monotonic(), PATIENCE
         return self.over()

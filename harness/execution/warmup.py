@@ -1,4 +1,4 @@
-"""What is done before the clock starts: references that are not kept yet are computed, and kernels are compiled.
+"""Preparation before the clock starts: references not kept yet are computed, and kernels are compiled.
 
 Each solver takes a few steps of one of its runs, whose result is thrown away. First in forked processes, which fill
 the compiler's cache on disk and may crash; then, if that went well, in the parent of all runs, so that every fork finds

@@ -57,7 +57,7 @@ def measure_growth(problem: Problem) -> tuple[Float[np.ndarray, " nt"], dict[Key
 
 
 def evaluate_laws(problem: Problem, s: States, exact: States) -> dict[Key, Float[np.ndarray, " nt"]]:
-    """What is zero in the exact motion, by law: distances from it, gaps of joints, changes of what is conserved."""
+    """Quantities that vanish in the exact motion: distances from it, gaps of joints, changes of what is conserved."""
     system = problem.system
     metres = np.ones(system.nrows)
     metres[system.turning_rows] = np.max(system.gyration)

@@ -1,4 +1,4 @@
-"""What the kit gives to an engine: the problem as numbers, as MJCF or as URDF, and a step."""
+"""The kit's model for an engine: the problem as numbers, as MJCF or as URDF, and a step."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -36,7 +36,7 @@ class Model:
 
     @cached_property
     def numbers(self) -> dict[str, Any]:
-        """What ``mbsbench export`` writes: masses, inertias, joints, start (docs/your-own-solver.md)."""
+        """The numbers that ``mbsbench export`` writes: masses, inertias, joints, start (docs/your-own-solver.md)."""
         return describe_problem(self.problem)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What the data of a system must be, or ValueError naming the part."""
+"""Checks of the data of a system: ValueError naming the part."""
 
 import numpy as np
 

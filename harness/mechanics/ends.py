@@ -24,7 +24,7 @@ def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.matmul(A, x[..., None])[..., 0]
 
 
-def turning(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
+def turn_rates(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Their rates."""
     if not len(body):
         return np.zeros((len(s.r), 0, 3))
@@ -44,5 +44,5 @@ def gaps(system: MultibodySystem, s: States, joints: np.ndarray, *, velocity: bo
         x_i, x_j = points(system, s, joints)
         return x_i - x_j
     v, i, j = with_ground(s.v, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
-    moving = v[:, i] + turning(s, i, system.joint_s_i[joints])
-    return moving - v[:, j] - turning(s, j, system.joint_s_j[joints])
+    moving = v[:, i] + turn_rates(s, i, system.joint_s_i[joints])
+    return moving - v[:, j] - turn_rates(s, j, system.joint_s_j[joints])

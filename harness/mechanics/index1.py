@@ -114,7 +114,7 @@ def _solved_sparsely(
 
 
 def factor_rows(B: Float[np.ndarray, "n k m"]) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """What takes c (n, k) to the least x (n, m) with B x = c, and to mu (n, k) with B^T mu = x.
+    """A function that takes c (n, k) to the least x (n, m) with B x = c, and to mu (n, k) with B^T mu = x.
 
     By QR where rows are far from dependent, by singular values, ten times as slow, elsewhere.
     """

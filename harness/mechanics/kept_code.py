@@ -40,7 +40,7 @@ def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any
 
 
 class Kept:
-    """What Numba asks of a cache, for one callback in one file."""
+    """Numba's interface of a cache, for one callback in one file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
-from .ends import gaps, points, times, turn_vectors, turning
+from .ends import gaps, points, times, turn_rates, turn_vectors
 from .joints import LineRows
-from .moving_rows import moving
+from .moving_rows import evaluate_moving_rows
 from .state import States
 from .system import GROUND, MultibodySystem
 from .time_functions import values
@@ -132,7 +132,7 @@ def measure_gaps(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nr
     Driven angles, sin(theta - f), and the last row of fixed and prismatic joints, sin of the turn about the axis, are
     such rows. The others have no second root, or one that is the same joint: the axis of a hinge is a line.
     """
-    phi, push = constraint(system, s), moving(system, s)
+    phi, push = constraint(system, s), evaluate_moving_rows(system, s)
     axis = system.axis_rows()
     last = np.flatnonzero(np.append(axis.joint[:-2] == axis.joint[2:], [False, False]))  # first of three rows a joint
     joint = axis.joint[last]
@@ -168,7 +168,7 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
     """A by pieces: bodies (m,), rows (m,), their parts on r_dot [space] and Omega [body] of these bodies (nt, m, 3)."""
     joints, point = system.point_rows()
     line, axis = system.line_rows(), system.axis_rows()
-    push = moving(system, s)
+    push = evaluate_moving_rows(system, s)
     torque = so3.cross(
         turn_vectors(s, system.joint_i[axis.joint], axis.u), turn_vectors(s, system.joint_j[axis.joint], axis.n)
     )
@@ -232,7 +232,7 @@ def _line_ways(system: MultibodySystem, s: States, line: LineRows, *, velocity: 
     if not velocity:
         return np.where(link, 0.5 * (np.sum(d * way, axis=-1) - line.length), np.sum(d * n, axis=-1)), way
     d_dot = gaps(system, s, line.joint, velocity=True)
-    n_dot = turning(s, system.joint_j[line.joint], line.n)
+    n_dot = turn_rates(s, system.joint_j[line.joint], line.n)
     return np.sum(d_dot * way, axis=-1) + np.where(link, 0.0, np.sum(d * n_dot, axis=-1)), way
 
 
@@ -242,13 +242,13 @@ def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
     out[:, point] = gaps(system, s, joints, velocity=velocity)
     line, axis = system.line_rows(), system.axis_rows()
     out[:, line.row] = _line_ways(system, s, line, velocity=velocity)[0]
-    push = moving(system, s)
+    push = evaluate_moving_rows(system, s)
     out[:, push.row] = push.rate(system, s) if velocity else push.phi
     ends = (system.joint_i[axis.joint], axis.u), (system.joint_j[axis.joint], axis.n)
     u, n = (turn_vectors(s, *end) for end in ends)
     if not velocity:
         out[:, axis.row] = np.sum(u * n, axis=-1)
     else:
-        u_dot, n_dot = (turning(s, *end) for end in ends)
+        u_dot, n_dot = (turn_rates(s, *end) for end in ends)
         out[:, axis.row] = np.sum(u_dot * n, axis=-1) + np.sum(u * n_dot, axis=-1)
     return out

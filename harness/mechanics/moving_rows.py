@@ -60,7 +60,7 @@ class Push(NamedTuple):
         return np.sum(self.force * seen + self.torque * spin, axis=-1) + self.phi_t
 
 
-def moving(system: MultibodySystem, s: States) -> Push:
+def evaluate_moving_rows(system: MultibodySystem, s: States) -> Push:
     """The moving rows at the times of ``s``."""
     rows = system.moving_rows()
     joint = np.repeat(rows.joint, system.joint_moving[rows.joint])

@@ -22,8 +22,8 @@ from .joints import (
     LineRows,
     MovingRows,
     Vector,
-    beside,
     directions,
+    normals_beside,
     select_rows,
     unit,
 )
@@ -98,7 +98,7 @@ class MultibodySystem:
 
     @property
     def lent(self) -> Float[np.ndarray, "nb 3 3"]:
-        """What bodies are lent about axes without inertia [kg m2]: 0 but for slender rods and point masses."""
+        """Inertia added about axes without any [kg m2]: 0 but for slender rods and point masses."""
         if not np.any(principal(self.inertia)[2]):
             return np.zeros_like(self.inertia)
         arm = np.zeros(self.nb + 1)  # the last one is the ground
@@ -268,7 +268,10 @@ def assemble(
         torsion_j=freeze_array([s.j for s in torsions], (len(torsions),), np.int64),
         torsion_u=freeze_array([unit(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)),
         torsion_n=freeze_array(
-            [beside(unit(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}") for k, s in enumerate(torsions)],
+            [
+                normals_beside(unit(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}")
+                for k, s in enumerate(torsions)
+            ],
             (len(torsions), 2, 3),
         ),
         torsion_k=freeze_array([s.stiffness for s in torsions], (len(torsions),)),

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 from . import so3
 from .index1 import index_1
 from .motion import load_in_space, point_velocity, spring_line, user_loads
-from .moving_rows import moving
+from .moving_rows import evaluate_moving_rows
 from .state import States
 from .system import MultibodySystem
 from .torsion import torsion
@@ -183,7 +183,7 @@ def drive_power(
     system: MultibodySystem, s: States, reaction: Float[np.ndarray, "nt nrows"] | None = None
 ) -> Float[np.ndarray, " nt"]:
     """Power of drives [W], -reaction . phi_t with the reaction of index 1; NaN where a run is no longer finite."""
-    push, found = moving(system, s), index_1(system, s).reaction if reaction is None else reaction
+    push, found = evaluate_moving_rows(system, s), index_1(system, s).reaction if reaction is None else reaction
     return -np.sum(found[:, push.row] * push.phi_t, axis=-1)
 
 

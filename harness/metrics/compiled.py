@@ -59,6 +59,21 @@ def load() -> None:
 
 
 @numba.njit(**INNER)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(**INNER)
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(**INNER)
+def _minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@numba.njit(**INNER)
 def _point(x, R, b, p):
     """x + R p of a body, p of the ground; x is r, or zero for a direction."""
     if b < 0:
@@ -75,24 +90,33 @@ def _rate(x, R, W, b, p):
     """x + R (Omega x p) of a body, zero of the ground."""
     if b < 0:
         return 0.0, 0.0, 0.0
-    a0 = W[b, 1] * p[2] - W[b, 2] * p[1]
-    a1 = W[b, 2] * p[0] - W[b, 0] * p[2]
-    a2 = W[b, 0] * p[1] - W[b, 1] * p[0]
+    return _point(x, R, b, _cross(W[b], p))
+
+
+@numba.njit(**INNER)
+def _back(R, b, m):
+    """R^T m"""
     return (
-        x[0] + R[b, 0, 0] * a0 + R[b, 0, 1] * a1 + R[b, 0, 2] * a2,
-        x[1] + R[b, 1, 0] * a0 + R[b, 1, 1] * a1 + R[b, 1, 2] * a2,
-        x[2] + R[b, 2, 0] * a0 + R[b, 2, 1] * a1 + R[b, 2, 2] * a2,
+        R[b, 0, 0] * m[0] + R[b, 1, 0] * m[1] + R[b, 2, 0] * m[2],
+        R[b, 0, 1] * m[0] + R[b, 1, 1] * m[1] + R[b, 2, 1] * m[2],
+        R[b, 0, 2] * m[0] + R[b, 1, 2] * m[1] + R[b, 2, 2] * m[2],
     )
 
 
 @numba.njit(**INNER)
-def _spin(J, b, x, y, z):
+def _spin(J, b, a):
     """a . J a"""
-    return (
-        x * (J[b, 0, 0] * x + J[b, 0, 1] * y + J[b, 0, 2] * z)
-        + y * (J[b, 1, 0] * x + J[b, 1, 1] * y + J[b, 1, 2] * z)
-        + z * (J[b, 2, 0] * x + J[b, 2, 1] * y + J[b, 2, 2] * z)
-    )
+    return a[0] * _dot(J[b, 0], a) + a[1] * _dot(J[b, 1], a) + a[2] * _dot(J[b, 2], a)
+
+
+@numba.njit(**INNER)
+def _add_row(sums, gap, open_, rate, unit, aa, aMa):
+    """Squares of phi and phi_dot, both again in metres, and the square of Eq. (81)."""
+    sums[0] += gap * gap
+    sums[1] += rate * rate
+    sums[2] += (open_ * unit) ** 2
+    sums[3] += (rate * unit) ** 2
+    sums[4] += aMa / (aa * aa) * (rate * rate)
 
 
 @numba.njit(**JIT)
@@ -103,14 +127,13 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
     line_joint, line_row, line_n, length = lines
     axis_joint, axis_row, axis_u, axis_n, joint_w = axes
     nt, nb = len(r), len(mass)
-    zero, origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    zero, sums = (0.0, 0.0, 0.0), np.zeros(5)
     for t in range(nt):
         rt, Rt, vt, Wt = r[t], R[t], v[t], W[t]
         E = worst = 0.0
         for b in range(nb):
-            vx, vy, vz = vt[b, 0], vt[b, 1], vt[b, 2]
-            E += 0.5 * (mass[b] * (vx * vx + vy * vy + vz * vz) + _spin(J, b, Wt[b, 0], Wt[b, 1], Wt[b, 2]))
-            E -= mass[b] * (g[0] * rt[b, 0] + g[1] * rt[b, 1] + g[2] * rt[b, 2])
+            E += 0.5 * (mass[b] * _dot(vt[b], vt[b]) + _spin(J, b, Wt[b]))
+            E -= mass[b] * _dot(g, rt[b])
             off = 0.0
             for k in range(3):
                 for m in range(3):
@@ -125,7 +148,7 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
             q = _point(rt[j] if j >= 0 else rt[0], Rt, j, spring_p_j[k])
             d = math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
             E += 0.5 * stiffness[k] * (d - rest[k]) ** 2
-        phi2 = rate2 = phi2_m = rate2_m = eq81 = 0.0
+        sums[:] = 0.0
         for k in range(len(point_joint)):
             n = point_joint[k]
             i, j = joint_i[n], joint_j[n]
@@ -139,18 +162,10 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
                     b = i if end == 0 else j
                     s = arm_i[n] if end == 0 else arm_j[n]
                     if b >= 0:  # s x R^T e_c
-                        x = s[1] * Rt[b, c, 2] - s[2] * Rt[b, c, 1]
-                        y = s[2] * Rt[b, c, 0] - s[0] * Rt[b, c, 2]
-                        z = s[0] * Rt[b, c, 1] - s[1] * Rt[b, c, 0]
-                        aa += 1.0 + (x * x + y * y + z * z)
-                        aMa += mass[b] + _spin(J, b, x, y, z)
-                unit = metres[point_row[k] + c]
-                gap, gap_dot = p[c] - q[c], p_dot[c] - q_dot[c]
-                phi2 += gap * gap
-                rate2 += gap_dot * gap_dot
-                phi2_m += (gap * unit) ** 2
-                rate2_m += (gap_dot * unit) ** 2
-                eq81 += aMa / (aa * aa) * (gap_dot * gap_dot)
+                        x = _cross(s, Rt[b, c])
+                        aa += 1.0 + _dot(x, x)
+                        aMa += mass[b] + _spin(J, b, x)
+                _add_row(sums, p[c] - q[c], p[c] - q[c], p_dot[c] - q_dot[c], metres[point_row[k] + c], aa, aMa)
         for k in range(len(line_joint)):
             n = line_joint[k]
             i, j = joint_i[n], joint_j[n]
@@ -158,70 +173,42 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
             q = _point(rt[j] if j >= 0 else rt[0], Rt, j, arm_j[n])
             p_dot = _rate(vt[i] if i >= 0 else vt[0], Rt, Wt, i, arm_i[n])
             q_dot = _rate(vt[j] if j >= 0 else vt[0], Rt, Wt, j, arm_j[n])
-            d = (p[0] - q[0], p[1] - q[1], p[2] - q[2])
-            e = (p_dot[0] - q_dot[0], p_dot[1] - q_dot[1], p_dot[2] - q_dot[2])
+            d, e = _minus(p, q), _minus(p_dot, q_dot)
             if length[k] > 0.0:
                 w = (d[0] / length[k], d[1] / length[k], d[2] / length[k])
-                gap = 0.5 * (d[0] * w[0] + d[1] * w[1] + d[2] * w[2] - length[k])
-                gap_dot = e[0] * w[0] + e[1] * w[1] + e[2] * w[2]
+                gap, gap_dot = 0.5 * (_dot(d, w) - length[k]), _dot(e, w)
             else:
                 w = _point(zero, Rt, j, line_n[k])
-                w_dot = _rate(zero, Rt, Wt, j, line_n[k])
-                gap = d[0] * w[0] + d[1] * w[1] + d[2] * w[2]
-                gap_dot = e[0] * w[0] + e[1] * w[1] + e[2] * w[2]
-                gap_dot += d[0] * w_dot[0] + d[1] * w_dot[1] + d[2] * w_dot[2]
+                gap, gap_dot = _dot(d, w), _dot(e, w) + _dot(d, _rate(zero, Rt, Wt, j, line_n[k]))
             aa = aMa = 0.0
             for end in range(2):
                 b = i if end == 0 else j
                 if b >= 0:
-                    a0, a1, a2 = p[0] - rt[b, 0], p[1] - rt[b, 1], p[2] - rt[b, 2]
-                    m0, m1, m2 = a1 * w[2] - a2 * w[1], a2 * w[0] - a0 * w[2], a0 * w[1] - a1 * w[0]
-                    x = Rt[b, 0, 0] * m0 + Rt[b, 1, 0] * m1 + Rt[b, 2, 0] * m2
-                    y = Rt[b, 0, 1] * m0 + Rt[b, 1, 1] * m1 + Rt[b, 2, 1] * m2
-                    z = Rt[b, 0, 2] * m0 + Rt[b, 1, 2] * m1 + Rt[b, 2, 2] * m2
-                    ww = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-                    aa += ww + (x * x + y * y + z * z)
-                    aMa += mass[b] * ww + _spin(J, b, x, y, z)
-            unit = metres[line_row[k]]
-            phi2 += gap * gap
-            rate2 += gap_dot * gap_dot
-            phi2_m += (gap * unit) ** 2
-            rate2_m += (gap_dot * unit) ** 2
-            eq81 += aMa / (aa * aa) * (gap_dot * gap_dot)
+                    x, ww = _back(Rt, b, _cross(_minus(p, rt[b]), w)), _dot(w, w)
+                    aa += ww + _dot(x, x)
+                    aMa += mass[b] * ww + _spin(J, b, x)
+            _add_row(sums, gap, gap, gap_dot, metres[line_row[k]], aa, aMa)
         for k in range(len(axis_joint)):
             n = axis_joint[k]
             i, j = joint_i[n], joint_j[n]
-            u = _point(origin, Rt, i, axis_u[k])
-            w = _point(origin, Rt, j, axis_n[k])
-            u_dot = _rate(zero, Rt, Wt, i, axis_u[k])
-            w_dot = _rate(zero, Rt, Wt, j, axis_n[k])
-            gap = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
-            gap_dot = u_dot[0] * w[0] + u_dot[1] * w[1] + u_dot[2] * w[2]
-            gap_dot += u[0] * w_dot[0] + u[1] * w_dot[1] + u[2] * w_dot[2]
-            m0, m1, m2 = u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]
+            u, w = _point(zero, Rt, i, axis_u[k]), _point(zero, Rt, j, axis_n[k])
+            gap, m = _dot(u, w), _cross(u, w)
+            gap_dot = _dot(_rate(zero, Rt, Wt, i, axis_u[k]), w) + _dot(u, _rate(zero, Rt, Wt, j, axis_n[k]))
             aa = aMa = 0.0
             for end in range(2):
                 b = i if end == 0 else j
                 if b >= 0:
-                    x = Rt[b, 0, 0] * m0 + Rt[b, 1, 0] * m1 + Rt[b, 2, 0] * m2
-                    y = Rt[b, 0, 1] * m0 + Rt[b, 1, 1] * m1 + Rt[b, 2, 1] * m2
-                    z = Rt[b, 0, 2] * m0 + Rt[b, 1, 2] * m1 + Rt[b, 2, 2] * m2
-                    aa += x * x + y * y + z * z
-                    aMa += _spin(J, b, x, y, z)
-            unit, open_ = metres[axis_row[k]], gap
+                    x = _back(Rt, b, m)
+                    aa += _dot(x, x)
+                    aMa += _spin(J, b, x)
+            open_ = gap
             if k > 1 and axis_joint[k - 2] == n:  # the row vanishes half a turn away, too (``motion.measure_gaps``)
-                u, w = _point(origin, Rt, i, joint_w[n]), _point(origin, Rt, j, axis_n[k - 2])
-                if u[0] * w[0] + u[1] * w[1] + u[2] * w[2] < 0.0:
-                    open_ = 2.0 - abs(gap)
-            phi2 += gap * gap
-            rate2 += gap_dot * gap_dot
-            phi2_m += (open_ * unit) ** 2
-            rate2_m += (gap_dot * unit) ** 2
-            eq81 += aMa / (aa * aa) * (gap_dot * gap_dot)
-        out[0, t], out[1, t], out[2, t] = E, math.sqrt(phi2), math.sqrt(rate2)
-        out[3, t], out[4, t], out[5, t], out[6, t] = (
-            math.sqrt(phi2_m), math.sqrt(rate2_m), math.sqrt(eq81), math.sqrt(worst),
-        )  # fmt: skip
+                wn = _dot(_point(zero, Rt, i, joint_w[n]), _point(zero, Rt, j, axis_n[k - 2]))
+                open_ = 2.0 - abs(gap) if wn < 0.0 else gap
+            _add_row(sums, gap, open_, gap_dot, metres[axis_row[k]], aa, aMa)
+        out[0, t], out[6, t] = E, math.sqrt(worst)
+        for k in range(5):
+            out[1 + k, t] = math.sqrt(sums[k])
 
 
 def displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
@@ -240,15 +227,12 @@ def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
         for b in range(nb):
             turn = 0.0
             for k in range(3):
-                d0 = R_a[t, b, k, 0] - R_b[u, b, k, 0]
-                d1 = R_a[t, b, k, 1] - R_b[u, b, k, 1]
-                d2 = R_a[t, b, k, 2] - R_b[u, b, k, 2]
-                turn += _spin(S, b, d0, d1, d2)
+                turn += _spin(S, b, _minus(R_a[t, b, k], R_b[u, b, k]))
             turn /= mass[b]
             if turn < 0.0:
                 turn = 0.0
-            x, y, z = r_a[t, b, 0] - r_b[u, b, 0], r_a[t, b, 1] - r_b[u, b, 1], r_a[t, b, 2] - r_b[u, b, 2]
-            out[t, b] = math.sqrt(x * x + y * y + z * z + turn)
+            x = _minus(r_a[t, b], r_b[u, b])
+            out[t, b] = math.sqrt(_dot(x, x) + turn)
 
 
 def speeds(mass: np.ndarray, inertia: np.ndarray, s: States) -> Float[np.ndarray, "nt nb"]:
@@ -263,8 +247,7 @@ def _speeds(mass, J, v, W, out):
     nt, nb = out.shape
     for t in range(nt):
         for b in range(nb):
-            turning = _spin(J, b, W[t, b, 0], W[t, b, 1], W[t, b, 2]) / mass[b]
-            out[t, b] = math.sqrt(v[t, b, 0] ** 2 + v[t, b, 1] ** 2 + v[t, b, 2] ** 2 + turning)
+            out[t, b] = math.sqrt(_dot(v[t, b], v[t, b]) + _spin(J, b, W[t, b]) / mass[b])
 
 
 def advance_steps(h: Float[np.ndarray, " steps"], a: States, b: States) -> States:
@@ -310,11 +293,7 @@ def _are_rotations(R):
     for t in range(R.shape[0]):
         for b in range(R.shape[1]):
             A = R[t, b]
-            x = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
-            y = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
-            z = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
-            det = A[0, 0] * x + A[0, 1] * y + A[0, 2] * z
-            if not (0.0 < det < math.inf):
+            if not (0.0 < _dot(A[0], _cross(A[1], A[2])) < math.inf):
                 return False
     return True
 

@@ -190,7 +190,7 @@ def _against_reference(
     about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
     off = _between_rows(problem, reference, t, s, size.length)
     pull = _reaction_error(problem, reference, t, s, trajectory.reaction)
-    within = predictable(t[:n], series["reference_own_error"][:n] / size.length) if n else 0
+    within = count_predictable(t[:n], series["reference_own_error"][:n] / size.length) if n else 0
     away = series["motion_error"][:within] + series["reference_own_error"][:within]
     steps = truncation(problem.system, t, s, trajectory.reaction, size.speed)
     more = unexplained_velocity(t[:within], s.at(slice(within)), away, series["rate_error"][:within], size.speed)
@@ -219,7 +219,7 @@ def _between_rows(problem: Problem, reference: Reference, t: np.ndarray, s: Stat
     if len(t) < 2 or not end > 0.0 or not is_motion(s):
         return {}
     at = np.linspace(0.0, end, BETWEEN)
-    at = at[: predictable(at, stated_error(reference, at) / length)]
+    at = at[: count_predictable(at, stated_error(reference, at) / length)]
     if len(at) == 0:
         raise ValueError(f"the reference states an error by which nothing can be judged, of a reach of {length:.3g} m")
     some = ((interpolate_rows(t, s, at[k]), reference.states(at[k])) for k in blocks(len(at), problem.system.nb))
@@ -228,7 +228,7 @@ def _between_rows(problem: Problem, reference: Reference, t: np.ndarray, s: Stat
     return {"motion_between": largest(away), "motion_between_s": float(at[worst])}
 
 
-def predictable(t: Float[np.ndarray, " nt"], own: Float[np.ndarray, " nt"]) -> int:
+def count_predictable(t: Float[np.ndarray, " nt"], own: Float[np.ndarray, " nt"]) -> int:
     """Rows over which errors are judged; ``own``: stated errors of the reference, of the reach."""
     tenth = np.maximum(np.searchsorted(t, 0.1 * t, side="right") - 1, min(1, len(t) - 1))
     steady = (own <= JUDGED) & (own <= GROWN * own[tenth])

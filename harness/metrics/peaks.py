@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..types import ACCURATE, Law
-from .measure import JOINTS, Measured, predictable
+from .measure import JOINTS, Measured, count_predictable
 from .reactions import STEP
 from .scales import Scales
 
@@ -42,7 +42,7 @@ def _against_reference(m: Measured) -> Iterator[tuple[str, int]]:
     compared = 0 if own is None else int(np.sum(~np.isnan(own)))
     if own is None or compared == 0:
         return
-    judged = max(predictable(m.t[:compared], own[:compared] / m.size.length), 1)
+    judged = max(count_predictable(m.t[:compared], own[:compared] / m.size.length), 1)
     for name, unit, error in (
         ("motion_error", "m", m.motion_error), ("position_error", "m", m.position_error),
         ("orientation_error", "rad", m.orientation_error), ("rate_error", "m_per_s", m.rate_error),

@@ -30,7 +30,7 @@ Rows = Float[np.ndarray, "nt 6"]  # of a motion: displacement, speed, momentum, 
 
 @dataclass(frozen=True)
 class Scales:
-    """What the motion of a system reaches."""
+    """Sizes that the motion of a system reaches."""
 
     length: float  # [m] the farthest that a body moves from its start (``displacement``): what errors are compared with
     speed: float  # [m/s] the largest of a body (``speeds``)
@@ -59,7 +59,7 @@ class Scales:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run reaches, how it keeps the laws (nt,), and how many of its steps the exact motion covers."""
+    """Sizes that a run reaches, how it keeps the laws (nt,), and how many of its steps the exact motion covers."""
 
     rows: Rows
     laws: Mapping[Law, np.ndarray]
@@ -104,7 +104,7 @@ def speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
 
 
 def measure_reach(system: MultibodySystem, start: State, s: States) -> Rows:
-    """What a motion from ``start`` reaches at each time; relative to the total C if nothing is joined to the ground.
+    """Sizes reached by a motion from ``start`` at each time, relative to the total C if none is joined to the ground.
 
     Of a motion that all bodies share, speeds and energies still count by ``REST``: less is not resolved beside them.
     """
@@ -132,7 +132,7 @@ def scales(
     """Scales of the exact motion, and of a run beyond its horizon; of ``bodies`` alone, which ``run`` is of then."""
     bodies = np.arange(problem.system.nb) if bodies is None else bodies
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
-    could = possible(system, start)
+    could = scales_at_rest(system, start)
     known, t = measure_reach(system, start, States.one(start)), np.zeros(1)
     if exact is not None:
         t = np.append(0.0, np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES))
@@ -165,7 +165,7 @@ def scales(
         end = int(np.argmax(broken))
 
 
-def possible(system: MultibodySystem, start: State) -> Scales:
+def scales_at_rest(system: MultibodySystem, start: State) -> Scales:
     """Scales of a system that stays at rest: arms of joints, spread of the C's, T(0) + m g L."""
     gyration = float(np.max(system.gyration))
     spread = float(np.linalg.norm(np.ptp(start.r, axis=0)))

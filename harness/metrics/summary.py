@@ -12,7 +12,7 @@ from ..files import exact
 from ..mechanics import so3
 from ..types import ACCURATE, Law, Problem, Trajectory
 from .identity import fingerprint
-from .measure import Measured, largest, predictable
+from .measure import Measured, count_predictable, largest
 from .scales import Scales
 
 COUNTER_NAMES: Mapping[str, tuple[str, ...]] = {  # column: names solvers use for it, the first one preferred
@@ -107,7 +107,7 @@ def _limits(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
 
 
 def _shares(problem: Problem, m: Measured) -> dict[str, float]:
-    """What is judged of constraints, over its limit: of the mechanism that comes nearest to it."""
+    """Judged sizes of constraints over their limits: of the mechanism that comes nearest to it."""
     if problem.literal_start or problem.system.nrows == 0:
         return {}
     names = {"gap_share_max": Law.CONSTRAINT, "gap_rate_share_max": Law.CONSTRAINT_RATE}
@@ -122,7 +122,7 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         return {}
     last = compared - 1
     position, orientation, motion = (a[:compared] for a in (m.position_error, m.orientation_error, m.motion_error))
-    judged = predictable(m.t[:compared], own[:compared] / size.length)
+    judged = count_predictable(m.t[:compared], own[:compared] / size.length)
     by_name = {}
     for o in problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]

@@ -1,4 +1,4 @@
-"""What a run says of its own rates, against what its poses and the equations of motion say: r' = v, v' = a, A^T lam.
+"""A run's own rates against those of its poses and of the equations of motion: r' = v, v' = a, A^T lam.
 
 At a recorded step the difference quotients to both sides straddle the rate there, and differ by a step's change of it:
 that much may a method of first order be off, and no method that converges stays farther off over a run. What changes

@@ -1,4 +1,4 @@
-"""What crosses the layers: problems and solvers on one side, runner, results and reports on the other.
+"""Types that cross the layers: problems and solvers on one side, runner, results and reports on the other.
 
 Arrows point one way: ``harness.mechanics <- harness.types <- problems, solvers <- harness.execution <- reports``.
 """

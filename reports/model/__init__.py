@@ -1,1 +1,1 @@
-"""What pages and figures know: a results folder sorted into problems, solvers and settings."""
+"""The model of pages and figures: a results folder sorted into problems, solvers and settings."""

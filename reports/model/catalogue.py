@@ -1,4 +1,4 @@
-"""What solvers and problems say of themselves: the first sentences of their files, the traits a problem tests."""
+"""Solvers and problems in their own words: the first sentences of their files, the traits a problem tests."""
 
 import ast
 import re
@@ -42,7 +42,7 @@ def code_of_others(name: str) -> str:
 
 
 def about_problem(name: str) -> str:
-    """What moves, in its file's first sentence; empty for a plug-in."""
+    """The mechanism in its file's first sentence; empty for a plug-in."""
     source = _source(f"problems/{name}.py")
     return _summary(ast.parse(source)) if source else ""
 

@@ -1,4 +1,4 @@
-"""What a judged claim rests on, in words: made here for the command, the pages and the captions alike."""
+"""The grounds of a judged claim in words: made here for the command, the pages and the captions alike."""
 
 from collections.abc import Sequence
 
@@ -83,7 +83,7 @@ def spell_out(name: str) -> str:
 
 
 def because(c: Claim) -> str:
-    """What was run, counts and conditions at the paper's settings and beyond them, and caveats, in sentences."""
+    """Runs, counts and conditions at the paper's settings and beyond them, and caveats, in sentences."""
     b = c.because
     out = [*b.stand_ins, *(s for where, f in sides(c) for s in _describe_finding(c, where, f))]
     if b.across and c.findings:
@@ -135,7 +135,7 @@ def _describe_finding(c: Claim, where: str, f: Finding) -> list[str]:
 
 
 def missing(c: Claim) -> str:
-    """What is missing to test the claim; empty where it was tested."""
+    """Whatever is missing to test the claim; empty where it was tested."""
     return "; ".join(map(_missing, c.missing))
 
 

@@ -1,4 +1,4 @@
-"""What an error costs on each problem: solvers by CPU time at every power of ten, and why others do not get there."""
+"""The cost of an error on each problem: solvers by CPU time at every power of ten, and why others do not get there."""
 
 import math
 import shlex

@@ -17,7 +17,7 @@ LEAST = 2  # solvers that reach a target: fewer are no comparison
 
 @dataclass(frozen=True)
 class Reach:
-    """What an error costs a solver with its best settings."""
+    """The cost of an error for a solver with its best settings."""
 
     run: Run
     cpu_s: float

@@ -1,4 +1,4 @@
-"""What a step costs as a mechanism grows, wherever a run has the same settings at several sizes."""
+"""The cost of a step as a mechanism grows, wherever a run has the same settings at several sizes."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

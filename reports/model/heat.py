@@ -75,7 +75,7 @@ class Row:
 
     @property
     def paper_label(self) -> str:
-        """What the paper calls it."""
+        """The paper's name of it."""
         return next((b.run.record.paper_label for b in self.boxes if b is not None), "")
 
     @property

@@ -1,4 +1,4 @@
-"""What figures need of one run: its series, decimated, by name; read once and dropped."""
+"""The series of one run for figures, decimated, by name; read once and dropped."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""What ran, where and with which versions, for the head of a page."""
+"""The code, machine and versions of a run, for the head of a page."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -45,7 +45,7 @@ def _machine(e: Mapping[str, Any]) -> str:
 
 
 def cautions(results: Results) -> list[str]:
-    """What a reader must know before trusting a number."""
+    """Cautions that a reader needs before trusting a number."""
     out = []
     commits = sorted({c.record.commit for c in results.runs if c.record.commit})
     if len(commits) > 1:

@@ -60,7 +60,7 @@ def score(runs: Iterable[Run]) -> Score:
 
 @dataclass(frozen=True)
 class Standing:
-    """What became of a solver's finest settings on the problems of the plain comparison, and of all else."""
+    """Outcomes of a solver's finest settings on the problems of the plain comparison, and of all else."""
 
     solver: str
     paper_label: str

@@ -56,7 +56,7 @@ def contests(results: Results) -> list[Contest]:
 
 
 def describe_budget(found: Sequence[Contest]) -> str:
-    """What every contestant was given on every problem, read from the runs."""
+    """The budget of every contestant on every problem, read from the runs."""
     tuned = [c.record for contest in found for c in contest.variant.labels().get(TUNED, ())]
     if not tuned:
         return "nothing has been tuned yet"

@@ -1,4 +1,4 @@
-"""What a page of the report's site is made with, and all that a page module needs to know.
+"""The parts of a page of the report's site, and all that a page module needs to know.
 
 A module of a folder in ``reports/pages/`` that has a function ::
 

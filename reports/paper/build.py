@@ -18,7 +18,7 @@ from .spec import PaperFigure
 
 def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Callable[[str], None] = lambda words: None,
             suffixes: Sequence[str] = SUFFIXES) -> list[Caption]:  # fmt: skip
-    """What ``mbsbench figures --paper`` does; ``only`` are names of figures, ``specs`` the runs of the suite."""
+    """The command ``mbsbench figures --paper``; ``only`` are names of figures, ``specs`` the runs of the suite."""
     names = [s.name for s in FIGURES]
     unknown = [name for name in only if name not in names]
     if unknown:

@@ -1,4 +1,4 @@
-"""What is said about the figures, ``paper/captions.json``: numbers that do not exist are null."""
+"""Texts about the figures, ``paper/captions.json``: numbers that do not exist are null."""
 
 from pathlib import Path
 from typing import Any

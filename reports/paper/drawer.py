@@ -47,7 +47,7 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
 
 
 def _list_legend(lines: Sequence[Line], plots: Sequence[Plot]) -> list[Trace]:
-    """What the legend names: every run asked for, a missing one without a line, and what belongs to no solver."""
+    """Names of the legend: every run asked for, a missing one without a line, and what belongs to no solver."""
     asked = [(k, k.chosen.asked.solver if k.chosen.run else "") for k in lines]
     runs = [Trace(k.words, NONE, NONE, solver, "lines" if solver else "markers", k.dash) for k, solver in asked]
     return [*runs, *(t for p in plots for t in p.traces if not t.solver)]
@@ -61,7 +61,7 @@ def _sketch(ax: Axes, part: Sketch, lines: Sequence[Line]) -> None:
 
 
 def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[Line]) -> None:
-    """What the paper's panels have beside their lines."""
+    """Marks of the paper's panels beside their lines."""
     ax.set_xlabel(label(plot.x))
     ax.set_ylabel("" if part.continued else label(plot.y))
     ax.tick_params(labelleft=not part.continued)

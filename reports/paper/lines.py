@@ -109,7 +109,7 @@ def exact_of(panel: Panel, lines: Sequence[Line]) -> Curve | None:
 
 def _remark(panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], records: Sequence[RunRecord],
             units: set[str]) -> str:  # fmt: skip
-    """What a line does not show by itself: rounding, values beyond the axis; that there is none."""
+    """Notes on what a line does not show by itself: rounding, values beyond the axis; that there is none."""
     if not drawn:
         return "none of the runs recorded this"
     top = max(float(np.abs(c.y).max()) for c in drawn)

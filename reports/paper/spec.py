@@ -1,4 +1,4 @@
-"""What a figure of the paper is made of, as data: which runs and which panels."""
+"""The parts of a figure of the paper as data: which runs and which panels."""
 
 from dataclasses import dataclass
 

@@ -22,7 +22,7 @@ BLOWN_UP = 1e-9  # a reference smaller than this part of what is shown is zero: 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What all plots over time of a problem share."""
+    """The data that all plots over time of a problem share."""
 
     runs: Sequence[Run]  # all runs of the problem: they give the scales
     lines: Sequence[Line]
@@ -33,7 +33,7 @@ class Drawing:
 
     @property
     def largest(self) -> str:
-        """What a point of a magnitude is."""
+        """The meaning of a point of a magnitude."""
         return f"largest in each of {self.spans} spans of time"
 
     def curves(self, of: Callable[[Motion], Curve | None]) -> list[Curve | None]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...harness.results.judgements.runs import WorkProfile
 from ...harness.results.work import evaluations, index_1_evaluations, operations
 from ..model.accuracy import measure_for
 from ..model.focus import choose_focus
@@ -36,7 +37,7 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Point:
-    """What one run cost and its errors; ``works`` and ``errors`` by the keys of ``WORKS`` and ``ERRORS``."""
+    """Cost and errors of one run; ``works`` and ``errors`` by the keys of ``WORKS`` and ``ERRORS``."""
 
     variant: str
     problem: str
@@ -121,7 +122,7 @@ def work_plots(name: str, points: Sequence[Point], pairs: Sequence[tuple[str, st
 
 @dataclass(frozen=True)
 class Race:
-    """What ``target`` costs each solver, as on all pages; the cheapest first, and who does not get there."""
+    """The cost of ``target`` for each solver, as on all pages; the cheapest first, and who does not get there."""
 
     target: float
     costs: Sequence[tuple[float, str]]
@@ -255,28 +256,21 @@ def _above_zero(values: Sequence[float]) -> list[float]:
     return [max(v, floor) for v in values]
 
 
-@dataclass(frozen=True)
-class Profile:
-    """One solver: after how much work it has reached how many of all targets."""
+def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], work: str) -> Plot:
+    """The share of all targets reached, over work, by the best of all settings and by default options alone.
 
-    solver: str
-    work: str
-    total: int
-    at: tuple[float, ...] = ()  # work at each target reached, sorted
-    tuned: bool = True  # by the best of all settings; else by default options alone
-
-
-def profile_plot(found: Sequence[Profile], work: str) -> Plot:
-    """The share of all targets reached, over work; more work than a solver's runs took reaches nothing more."""
-    own = [p for p in found if p.work == work]
-    right = 2.0 * max((p.at[-1] for p in own if p.at), default=1.0)
+    More work than a solver's runs took reaches nothing more.
+    """
+    best, default = ([p for p in found if p.work == work] for found in (best, default))
+    right = 2.0 * max((p.target_work[-1] for p in (*best, *default) if p.target_work), default=1.0)
     traces = []
-    for p in own:
-        name = f"{p.solver}, {'best of its settings' if p.tuned else 'default settings'}: {len(p.at)} of {p.total}"
-        traces.append(Trace(name, *steps_of(p, right), solver=p.solver, dash=0 if p.tuned else 2))
+    for found, settings, dash in ((best, "best of its settings", 0), (default, "default settings", 2)):
+        for p in found:
+            name = f"{p.solver}, {settings}: {len(p.target_work)} of {p.total}"
+            traces.append(Trace(name, *steps_of(p, right), solver=p.solver, dash=dash))
     words, unit = describe_work(work)
-    best = sorted((p for p in own if p.tuned), key=lambda p: (-len(p.at), p.solver))
-    finding = f"{best[0].solver} reaches {len(best[0].at)} of {best[0].total} targets" if best else ""
+    best = sorted(best, key=lambda p: (-len(p.target_work), p.solver))
+    finding = f"{best[0].solver} reaches {len(best[0].target_work)} of {best[0].total} targets" if best else ""
     focus = choose_focus([p.solver for p in best], lambda s: looks([s])[s].family)
     return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=right),
                 Axis("share of all targets reached", "", low=0.0, high=1.02), tuple(traces), wide=True, focus=focus,
@@ -291,9 +285,9 @@ def describe_work(work: str) -> tuple[str, str]:
     return work.replace("_", " "), ""
 
 
-def steps_of(p: Profile, right: float = math.nan) -> tuple[np.ndarray, np.ndarray]:
+def steps_of(p: WorkProfile, right: float = math.nan) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the step line: up by one target where it is reached, then level to ``right``."""
-    x = np.repeat(np.array(p.at, dtype=float), 2)
+    x = np.repeat(np.array(p.target_work, dtype=float), 2)
     y = np.arange(1, len(x) + 1) // 2 / max(p.total, 1)
     if len(x) and right > x[-1]:
         x, y = np.append(x, right), np.append(y, y[-1])

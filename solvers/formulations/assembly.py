@@ -57,7 +57,7 @@ class Assembly:
         self, data: Float[np.ndarray, " slots"], place: Int[np.ndarray, " n_entries"],
         weight: Float[np.ndarray, " n_entries"],
     ) -> Program:  # fmt: skip
-        """What adds ``weight`` d out[``row``] / d (w if ``of_w`` else y)[``column``] of every entry to ``data[place]``.
+        """To add ``weight`` d out[``row``] / d (w if ``of_w`` else y)[``column``] of every entry to ``data[place]``.
 
         The last of ``data`` is spare: entries of place -1 go there, as those must whose row or column is -1 (constants
         and dropped outputs). The program works on what ``read`` was given.

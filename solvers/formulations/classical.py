@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Float
+
 from ...harness.catalogue.options import option
 from ...harness.types import Problem, StepControl
 from .charts import CHARTS
@@ -10,7 +13,7 @@ from .dae import ImplicitForm
 from .differences import DifferencedForm
 from .layout import Layout
 from .recording import Clocked
-from .start import redundancy_refusal
+from .start import coordinates_and_velocities, layout_for, make_consistent, redundancy_refusal, start_unloaded
 from .traced import without_expression
 
 
@@ -64,3 +67,13 @@ class BaumgarteOptions(ImplicitOptions):
     beta: float = option(5.0, "Baumgarte: beta^2 phi", "1/s", at_least=0.0)
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
     consistent_start: bool = option(True, "start from consistent accelerations and multipliers, else from lambda = 0")
+
+    def start(
+        self, problem: Problem
+    ) -> tuple[Layout, tuple[str, ...], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Unknowns with notes, y and y'."""
+        layout, notes = layout_for(problem, self.coordinates)
+        y = coordinates_and_velocities(layout, problem)
+        if self.consistent_start:
+            return layout, notes, *make_consistent(layout, y, self.alpha, self.beta)
+        return layout, notes, *start_unloaded(layout, y)

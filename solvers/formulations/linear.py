@@ -88,7 +88,7 @@ class Factors:
 
 
 def solve_between(before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any) -> Callable[[], None]:
-    """What runs ``before``, solves and runs ``after``: one call of machine code unless SuperLU takes part."""
+    """To run ``before``, solve and run ``after``: one call of machine code unless SuperLU takes part."""
     direct = all(f.steps for f in factors)
     between = [step for f in factors for step in f.steps] if direct else []
     first = Program([*before, *between, *(after if direct else [])], (keeps, factors))

@@ -76,7 +76,7 @@ class Accelerations:
         return self._motion.values(y, self._at_rest)[self._layout.p]
 
 
-def consistent(
+def make_consistent(
     layout: Layout, y: Float[np.ndarray, " n"], alpha: float, beta: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """(y, y') that satisfy every row and its hidden ones: u', lam from the saddle, lam' by a central difference."""

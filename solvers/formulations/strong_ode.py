@@ -22,7 +22,7 @@ STAGES = {"RK23": 3, "RK45": 6, "DOP853": 12}  # evaluations an attempt; the las
 
 @dataclass(frozen=True)
 class StrongOptions(SymbolicOptions):
-    """What Eq. (65) leaves open, and Baumgarte's terms."""
+    """Choices that Eq. (65) leaves open, and Baumgarte's terms."""
 
     alpha: float = option(0.0, "Baumgarte: 2 alpha phi_dot (none in the paper)", "1/s", at_least=0.0)
     beta: float = option(0.0, "Baumgarte: beta^2 phi (none in the paper)", "1/s", at_least=0.0)

@@ -63,7 +63,7 @@ class Element:
     outputs: dict[str, ca.SX]
 
 
-def moving(chart: Chart, end: str) -> Moving:
+def moving_body(chart: Chart, end: str) -> Moving:
     """Symbols of one body and its motion in ``chart``."""
     p, u, u_dot = ca.SX.sym(f"p_{end}", chart.size), ca.SX.sym(f"u_{end}", 6), ca.SX.sym(f"w_{end}", 6)
     V, p_dot = chart.body_velocity(p, u), chart.flow(p, u)
@@ -75,7 +75,7 @@ def moving(chart: Chart, end: str) -> Moving:
 @lru_cache(ELEMENTS)
 def body_element(chart: Chart) -> Element:
     """Parameters (m, J (9), g (3)); outputs p_dot of the chart and e, the unbalanced load without joints."""
-    b = moving(chart, "i")
+    b = moving_body(chart, "i")
     parameters = ca.SX.sym("body", 13)
     m, J, g = parameters[0], ca.reshape(parameters[1:10], 3, 3), parameters[10:]
     Omega = b.V[3:]
@@ -102,7 +102,7 @@ class Pair(NamedTuple):
 
 def joint_pair(kind: str, chart: Chart) -> Pair:
     """The rows of a kind of joint between two bodies."""
-    e, i, j = row_expressions(kind), moving(chart, "i"), moving(chart, "j")
+    e, i, j = row_expressions(kind), moving_body(chart, "i"), moving_body(chart, "j")
     free = ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.phi, e.A, e.phi_dot, e.gamma])
     phi, A, phi_dot, gamma = free(*_motion_of(i, j), e.t, e.numbers)
     A_chart = ca.densify(A @ ca.diagcat(i.B, j.B))
@@ -139,7 +139,7 @@ DIRECTIONS = ("a", "mass", "translation")
 
 @lru_cache(ELEMENTS)
 def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
-    """What Eq. (65) needs of the rows, at u_dot = 0; of ``joint_numbers``, then m_i, J_i, m_j, J_j, 1 if j moves.
+    """The terms of Eq. (65) of the rows at u_dot = 0; of ``joint_numbers``, then m_i, J_i, m_j, J_j, 1 if j moves.
 
     Outputs: A in the chart, ``gamma`` = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the
     coordinate-free velocities V, c with a . c = 1 per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not
@@ -173,7 +173,7 @@ def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element
 @lru_cache(ELEMENTS)
 def push_element(kind: str, chart: Chart, *, chosen: bool = True) -> Element:
     """A kind of force; parameters ``force_numbers``; output -B^T f on its bodies, or f in V if not ``chosen``."""
-    e, i, j = push_expressions(kind), moving(chart, "i"), moving(chart, "j")
+    e, i, j = push_expressions(kind), moving_body(chart, "i"), moving_body(chart, "j")
     (f,) = ca.Function("push", [e.x, e.V, e.t, e.numbers], [e.load]).call([*_motion_of(i, j), e.t, e.numbers])
     if DECLARED[kind].pair:
         return load_of((i, j), f, e.numbers, e.t, chosen=chosen)
@@ -193,7 +193,7 @@ def free_spring_element(chart: Chart) -> Element:
 
     Eq. (32) takes C_bar and K_bar from these.
     """
-    e, i, j = push_expressions("spring"), moving(chart, "i"), moving(chart, "j")
+    e, i, j = push_expressions("spring"), moving_body(chart, "i"), moving_body(chart, "j")
     free = ca.Function("spring", [e.x, e.V, e.t, e.numbers], [-e.velocity_slopes, -e.pose_slopes])
     damping, stiffness = free(*_motion_of(i, j), e.t, e.numbers)
     outputs = {"damping": ca.vec(damping), "stiffness": ca.vec(stiffness)}

@@ -19,7 +19,7 @@ from .traced import user_element
 
 
 class PairEnds(NamedTuple):
-    """What two-body parts read of (p, u), u_dot and time, where their loads go and their p: the ground's nowhere."""
+    """Places read of (p, u), u_dot and time, where loads of two-body parts go and their p: the ground's nowhere."""
 
     z: Int[np.ndarray, "m n_z"]
     w: Int[np.ndarray, "m 12"]

@@ -12,12 +12,12 @@ import numpy as np
 from ...harness.mechanics.system import MultibodySystem
 from ...harness.mechanics.user_forces import Law
 from .rows.symbols import Symbol
-from .symbolic import Element, load_of, moving
+from .symbolic import Element, load_of, moving_body
 
 
 def user_element(law: Law, chart: Any, *, chosen: bool) -> Element:
     """z ends with t; output the load -B^T f on (i, j), or f in V if not ``chosen``."""
-    i, j, t = moving(chart, "i"), moving(chart, "j"), ca.SX.sym("t")
+    i, j, t = moving_body(chart, "i"), moving_body(chart, "j"), ca.SX.sym("t")
     x = [(b.pose.r, b.pose.R, b.V[:3], b.V[3:]) for b in (i, j)]
     r, R, v, Omega = (np.array([_symbols(a) for a in of_both]) for of_both in zip(*x, strict=True))
     F, T = np.zeros((2, 2, 3), dtype=object)

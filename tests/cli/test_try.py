@@ -204,7 +204,7 @@ def test_rivals_that_the_budget_left_out_are_not_said_to_be_worse():
 class Over(LocalPool):
     """Its time is up as soon as a run that sleeps runs."""
 
-    def _over(self) -> bool:
+    def _is_over(self) -> bool:
         return self._stopped or any(job.spec.options for job in self._flying.values())
 
 

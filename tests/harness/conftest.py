@@ -53,10 +53,10 @@ class Silent(Watcher):
     def begin(self, folder, total, waiting, unreadable):
         self.set_aside, self.total = [u.path.name for u in unreadable], total
 
-    def ended(self, job, record):
+    def on_end(self, job, record):
         self.ran.append(job.spec.case)
 
-    def stopped(self, left, limit):
+    def on_stop(self, left, limit):
         self.left = [job.spec.case for job in left]
 
 

@@ -6,13 +6,14 @@ import math
 import numpy as np
 import pytest
 
+from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.harness.results.series import Series
 from mbsbench.reports.model.growth import growths
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
 from mbsbench.reports.plots.growth import growth
 from mbsbench.reports.plots.laws import errors, invariants, laws, observables
-from mbsbench.reports.plots.work import Profile, list_points, profile_plot, work_plots
+from mbsbench.reports.plots.work import list_points, profile_plot, work_plots
 
 from .conftest import put, record, series
 from .test_charts import drawing_of
@@ -82,10 +83,10 @@ def test_growth_names_the_smallest_and_the_largest_exponent(tmp_path):
 
 def test_a_profile_names_who_reaches_most_targets():
     """By the best of its settings; default ones beside it do not count."""
-    found = [Profile("alpha", "evaluations", 9, (1.0, 2.0)), Profile("beta", "evaluations", 9, (5.0, 6.0, 7.0)),
-             Profile("gamma", "evaluations", 9, (1.0, 2.0, 3.0, 4.0), tuned=False),
-             Profile("gamma", "steps", 9, (1.0, 2.0, 3.0, 4.0))]  # fmt: skip
-    assert profile_plot(found, "evaluations").finding == "beta reaches 3 of 9 targets"
+    best = [WorkProfile("alpha", "evaluations", 9, (1.0, 2.0)), WorkProfile("beta", "evaluations", 9, (5.0, 6.0, 7.0)),
+            WorkProfile("gamma", "steps", 9, (1.0, 2.0, 3.0, 4.0))]  # fmt: skip
+    default = [WorkProfile("gamma", "evaluations", 9, (1.0, 2.0, 3.0, 4.0))]
+    assert profile_plot(best, default, "evaluations").finding == "beta reaches 3 of 9 targets"
 
 
 def test_work_says_what_the_tightest_common_error_costs(tmp_path):

@@ -14,7 +14,7 @@ from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.dae import ImplicitForm
 from mbsbench.solvers.formulations.differences import INCREMENT, DifferencedForm
 from mbsbench.solvers.formulations.layout import Layout, Stabilised
-from mbsbench.solvers.formulations.start import Accelerations, consistent, coordinates_and_velocities, layout_for
+from mbsbench.solvers.formulations.start import Accelerations, coordinates_and_velocities, layout_for, make_consistent
 
 from . import arbitrary_systems
 from .arbitrary_systems import arbitrary, linkage
@@ -84,7 +84,7 @@ def test_a_consistent_start_satisfies_every_form(coordinates, seed):
     problem = presented(seed)
     at, notes = layout_for(problem, coordinates)
     assert notes == ()
-    y, y_dot = consistent(at, coordinates_and_velocities(at, problem), ALPHA, BETA)
+    y, y_dot = make_consistent(at, coordinates_and_velocities(at, problem), ALPHA, BETA)
     size = 1.0 + np.max(np.abs(np.concatenate((y, y_dot))))
     for form in FORMS:
         here = of_form(form, at)
@@ -119,7 +119,7 @@ def test_lambda_dot_of_the_start_is_the_derivative_along_the_motion():
     """lam' by the start's difference equals that of a ten times longer one to its truncation."""
     problem = presented(5)
     at, _ = layout_for(problem, "quaternion")
-    y, y_dot = consistent(at, coordinates_and_velocities(at, problem), 0.0, 0.0)
+    y, y_dot = make_consistent(at, coordinates_and_velocities(at, problem), 0.0, 0.0)
     accelerations, h = Accelerations(at), 1e-4
     longer = (accelerations.at(y + h * y_dot)[1] - accelerations.at(y - h * y_dot)[1]) / (2.0 * h)
     np.testing.assert_allclose(y_dot[at.lam], longer, rtol=1e-4, atol=1e-4 * np.max(np.abs(longer)))

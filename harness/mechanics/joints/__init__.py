@@ -23,11 +23,11 @@ from jaxtyping import Float, Int
 from ..declaring import Count, JointDeclaration
 from ..time_functions import NONE, TimeFunction
 from . import kinds
-from .frames import Directions, Vector, beside, unit
+from .frames import Directions, Vector, normals_beside, unit
 
 __all__ = [
     "DECLARED", "KINDS", "ROWS", "AxisRows", "Count", "Joint", "JointKind", "Kind", "LineRows", "MovingKind",
-    "MovingRows", "Vector", "beside", "chosen", "directions", "unit",
+    "MovingRows", "Vector", "directions", "normals_beside", "unit",
 ]  # fmt: skip
 
 
@@ -47,7 +47,7 @@ class JointKind(StrEnum):
 
 
 class MovingKind(StrEnum):
-    """What prescribes a motion by functions of time, or restricts velocities alone: beside the joints of a pair."""
+    """Kinds that prescribe a motion by functions of time, or restrict velocities alone: beside the joints of a pair."""
 
     DRIVEN_POSITION = "driven position"  # of the point of i along axis_j, from the point of j
     DRIVEN_ANGLE = "driven angle"  # of across_i from across_j, about the axis

@@ -22,7 +22,7 @@ class Directions:
     def across(self, axis: np.ndarray, end: str) -> np.ndarray | None:
         """across of body ``end``, less its part along the axis, and axis x that; None where the user gave none."""
         a = getattr(self.joint, f"across_{end}")
-        return None if a is None else beside(axis, a, self.where)
+        return None if a is None else normals_beside(axis, a, self.where)
 
 
 def blade(d: Directions) -> dict[str, np.ndarray]:
@@ -48,7 +48,7 @@ def tangents(d: Directions) -> dict[str, np.ndarray]:
     return {"u": d.unit("axis_i"), "n": np.concatenate((axis[None], normals_of(axis)))}
 
 
-def ahead(d: Directions) -> dict[str, np.ndarray]:
+def frame_ahead(d: Directions) -> dict[str, np.ndarray]:
     """u = across_i; n_1 = axis x across_j, n_2 = axis x n_1."""
     n, u = d.across(d.unit("axis_j"), "j"), d.across(d.unit("axis_i"), "i")
     assert n is not None and u is not None  # checked
@@ -70,7 +70,7 @@ def normals_of(a: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
     return np.stack((n1, np.cross(a, n1)))
 
 
-def beside(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> Float[np.ndarray, "2 3"]:
+def normals_beside(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> Float[np.ndarray, "2 3"]:
     """The part of ``across`` normal to the unit vector ``a``, of length 1, and a x that."""
     n1 = np.asarray(across, dtype=float) - (np.asarray(across, dtype=float) @ a) * a
     n1 = unit(n1, f"{where}: across, less its part along the axis")

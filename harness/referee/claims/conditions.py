@@ -59,7 +59,7 @@ def _limit(values: Sequence[Any], every: Sequence[Any]) -> tuple[str, ...]:
 
 
 def decision(points: Points) -> Decision:
-    """What separates, else where the claim always or never holds, and the dimension that tells most."""
+    """The condition that separates, else where the claim always or never holds, and the dimension that tells most."""
     if found := separation(points):
         return found
     names = find_varied([at for at, _ in points])

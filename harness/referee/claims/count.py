@@ -59,7 +59,7 @@ def judge(
 
 
 def find_needs(claim: given.Claim) -> list[Missing]:
-    """What the claim needs and is not at hand."""
+    """Needs of the claim that are not at hand."""
     out = []
     for need in claim.needs:
         problem, _, name = need.observable.partition(".")
@@ -125,7 +125,7 @@ def _find_gaps(
 
 
 def _find_unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[Missing]:
-    """What no run of the map has: a number that nowhere exists refutes nothing."""
+    """Numbers that no run of the map has: a number that nowhere exists refutes nothing."""
     if not counted:
         return [Missing(Gap.SETTLED) if found else Missing(Gap.GROUPS, claim.across)]
     absent = [t for k, t in enumerate(claim.tests) if all(math.isnan(p.numbers[k]) for p in counted)]

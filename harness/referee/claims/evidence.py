@@ -1,4 +1,4 @@
-"""What is measured for a claim: numbers read off the record and the series of one run.
+"""Measures for claims: numbers read off the record and the series of one run.
 
 The rules of measures are in module measures; those of steps in module steps, of equations in module equations.
 """

@@ -63,7 +63,7 @@ class Range(Shape, frozen=True):
 
 
 class Need(Shape, frozen=True):
-    """What a claim cannot be tested without: a solver, an observable, or what only the authors have."""
+    """A need, without which a claim cannot be tested: a solver, an observable, or what only the authors have."""
 
     why: Text
     solver: str = ""

@@ -1,4 +1,4 @@
-"""What bodies look like, from what a series file knows of them: joint points, and how they turn.
+"""Shapes of bodies, from what a series file knows of them: joint points, and how they turn.
 
 A body with two joints or more is rods between them. One that hangs on a single joint reaches as far beyond its centre
 as the joint is before it; if it mostly turns about that line, it is a top. One held at its centre, or by nothing, is

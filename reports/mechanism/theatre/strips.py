@@ -1,4 +1,4 @@
-"""What runs beside the mechanism over time: errors, |phi|, |phi_dot| and step size, and moments to jump to."""
+"""Strips beside the mechanism over time: errors, |phi|, |phi_dot| and step size, and moments to jump to."""
 
 import math
 from collections.abc import Mapping, Sequence

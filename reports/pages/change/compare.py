@@ -93,7 +93,7 @@ def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
 def describe_unexplained(
     before: Sequence[RunRecord], after: Sequence[RunRecord], found: Comparison, unknown: set[str]
 ) -> str:
-    """What may have changed the runs where no input did; names no cause where no run changed."""
+    """Possible causes of changed runs where no input changed; names no cause where no run changed."""
     touched = {c.case for c in found.changes if c.metric not in unknown}
     if not touched:
         alone = ", but there are runs in one of them only" if found.only_before or found.only_after else ""

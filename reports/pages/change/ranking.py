@@ -1,4 +1,4 @@
-"""What changed between two results, the most important first: status, claims, physics, work, timings last."""
+"""Changes between two results, the most important first: status, claims, physics, work, timings last."""
 
 import math
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ SPREAD = 1.3  # timings closer than this factor are called equal
 
 
 class Rank(IntEnum):
-    """What kind of change, the most important first."""
+    """Kinds of change, the most important first."""
 
     ENDING = 0
     CLAIM = 1
@@ -159,7 +159,7 @@ def format_ratio(ratio: float) -> str:
 
 
 def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord, Change]]:
-    """What the comparison of runs calls changed, with the two records."""
+    """Runs that the comparison calls changed, with the two records."""
     out = []
     unknown = set.union(*find_unmeasured(before, after))
     for a, b in pairs(before, after):

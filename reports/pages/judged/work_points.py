@@ -1,4 +1,4 @@
-"""What each run cost and how far off it was: from the judgement where there is one, else from the records."""
+"""Cost and error of each run: from the judgement where there is one, else from the records."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ....harness.results.judgements.runs import WorkPoint, WorkProfile
 from ...model.results import Results
 from ...model.words import mark
-from ...plots.work import ERRORS, WORKS, Point, Profile, kind_of, list_points, method_of, reference_error
+from ...plots.work import ERRORS, WORKS, Point, kind_of, list_points, method_of, reference_error
 from ..judgement import Links, page_of
 
 
@@ -53,10 +53,9 @@ def _describe_failures(results: Results, variant: str, solver: str) -> str:
     return ", ".join(ends) or "not run"
 
 
-def profiles(found: Sequence[WorkProfile], *, tuned: bool = True) -> tuple[Profile, ...]:
+def profiles(found: Sequence[WorkProfile]) -> list[WorkProfile]:
     """As judged, by kind of work, those that no machine changes first, and by solver."""
-    ordered = sorted(found, key=lambda p: (list(WORKS).index(p.work), p.solver))
-    return tuple(Profile(p.solver, p.work, p.total, p.target_work, tuned) for p in ordered)
+    return sorted(found, key=lambda p: (list(WORKS).index(p.work), p.solver))
 
 
 def _judge_point(p: WorkPoint, links: Links) -> Point:

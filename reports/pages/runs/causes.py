@@ -50,7 +50,7 @@ CAUSES = (
 
 @dataclass(frozen=True)
 class Autopsy:
-    """What is known of one run that stopped before its end."""
+    """The facts on one run that stopped before its end."""
 
     run: Run
     cause: Cause

@@ -53,7 +53,7 @@ def write(results: Results, site: Site) -> Page | None:
 
 
 def lead(results: Results) -> str:
-    """What was run, and how many claim success without reason."""
+    """Counts of runs, and how many claim success without reason."""
     ran = [c for c in results.runs if not c.unfinished and c.status != "refused"]
     wrong = sum(c.status == "wrong" for c in ran)
     said = f"{plural(len(results.solvers), 'solver')} on {mechanisms(results)}: "
@@ -70,7 +70,7 @@ def panels_title(found: Sequence[Frontier]) -> str:
 
 
 def _cells(results: Results, site: Site, picture: Heat | None) -> dict[str, Any]:
-    """What the drawer of the heat map tells of each box, by solver and problem."""
+    """Texts of the heat map's drawer for each box, by solver and problem."""
     out = {}
     for k, variant in enumerate(picture.problems if picture else ()):
         measure = measure_for(variant.runs)

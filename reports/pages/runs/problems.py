@@ -52,7 +52,7 @@ class Extra:
 
 @dataclass(frozen=True)
 class Events:
-    """What solvers reported during a run, e.g. singular passages: a row each, columns as the solvers named them."""
+    """Events reported during a run, e.g. singular passages: a row each, columns as the solvers named them."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[Run, tuple[str, ...]], ...]

@@ -35,7 +35,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Judgements:
-    """What holds beyond one run, of all solvers; ``whys``: why there is none, or whose it is."""
+    """Judgements beyond one run, of all solvers; ``whys``: why there is none, or whose it is."""
 
     orders: Sequence[Order]
     drifts: Sequence[Drift]

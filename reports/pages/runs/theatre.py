@@ -62,7 +62,7 @@ class Stage:
 
     @property
     def pose_bytes(self) -> float:
-        """What its poses take before compression, each run's as much as the longest's."""
+        """Bytes of its poses before compression, each run's as much as the longest's."""
         players = self.play["players"]
         return float(BODY_BYTES * self.play["bodies"] * len(players) * max(p["frames"] for p in players))
 

@@ -33,6 +33,24 @@ def largest(a):
 
 
 @inner
+def times(A, x, y, z):
+    """A (x, y, z) of a matrix (3, 3)."""
+    return (
+        A[0, 0] * x + A[0, 1] * y + A[0, 2] * z, A[1, 0] * x + A[1, 1] * y + A[1, 2] * z,
+        A[2, 0] * x + A[2, 1] * y + A[2, 2] * z,
+    )  # fmt: skip
+
+
+@inner
+def times_transposed(A, x, y, z):
+    """A^T (x, y, z) of a matrix (3, 3)."""
+    return (
+        A[0, 0] * x + A[1, 0] * y + A[2, 0] * z, A[0, 1] * x + A[1, 1] * y + A[2, 1] * z,
+        A[0, 2] * x + A[1, 2] * y + A[2, 2] * z,
+    )  # fmt: skip
+
+
+@inner
 def sines(s):
     """sin(a) / a and (1 - cos a) / a^2 of s = a^2; below s = 1 by series cut at s^9, an error of 1e-17."""
     if s < 1.0:

@@ -1,13 +1,15 @@
 """The pattern of S = A M^-1 A^T by joints and of its block Cholesky factor, analysed once for a system.
 
 Two joints share a block of S when they hold the same moving body. An elimination joins the neighbours of a joint to
-each other (fill).
+each other (fill): next is the joint whose neighbours lack the fewest links among them, a fifth fewer products on the
+grid than with the fewest neighbours.
 """
 
-import heapq
 from typing import NamedTuple
 
 import numpy as np
+
+from .greedy_order import eliminate
 
 WIDTH = 5  # rows of the largest joint: blocks are WIDTH x WIDTH, a spherical joint leaves two rows of them empty
 
@@ -38,7 +40,7 @@ def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     for users in held.values():
         for j, _ in users:
             near[j] |= {k for k, _ in users if k != j}
-    order, below = _least_fill(near)
+    order, below = eliminate(near, _lacking)
     place = {j: c for c, j in enumerate(order)}
     start: list[int] = [0]
     other: list[int] = []
@@ -77,36 +79,6 @@ def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     )
 
 
-def _least_fill(near: list[set[int]]) -> tuple[list[int], dict[int, set[int]]]:
-    """Joints in the order of elimination, and for each its neighbours then still there.
-
-    Next is the joint whose neighbours lack the fewest links among them (a fifth fewer products on the grid than with
-    the fewest neighbours). Only those near the last one are counted anew.
-    """
-    left = {j: set(n) for j, n in enumerate(near)}
-
-    def lacking(j: int) -> tuple[int, int, int]:
-        mine = left[j]
-        return sum(len(mine) - 1 - len(mine & left[k]) for k in mine) // 2, len(mine), j
-
-    rank = {j: lacking(j) for j in left}
-    queue = sorted(rank.values())
-    order: list[int] = []
-    below: dict[int, set[int]] = {}
-    while left:
-        found = heapq.heappop(queue)
-        j = found[-1]
-        if rank.get(j) != found:
-            continue
-        mine = left.pop(j)
-        del rank[j]
-        order.append(j)
-        below[j] = mine
-        for k in mine:
-            left[k] |= mine
-            left[k] -= {j, k}
-        for k in mine.union(*(left[k] for k in mine)):
-            if (now := lacking(k)) != rank[k]:
-                rank[k] = now
-                heapq.heappush(queue, now)
-    return order, below
+def _lacking(left: dict[int, set[int]], j: int) -> tuple[int, int]:
+    mine = left[j]
+    return sum(len(mine) - 1 - len(mine & left[k]) for k in mine) // 2, len(mine)

@@ -3,7 +3,7 @@
 ``rows``: phi at the end, X, Y and way of the mean rows; ``forces``: mean loads, less Omega x J Omega of the mean v.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,25 +11,20 @@ from ....harness.mechanics.system import MultibodySystem
 from ..generated import Program
 from ..rows.kept import code_of, row_code
 from ..rows.means import BODY
+from .bundles import make_bundle
 from .kernel import Group, Kernel, Loops, Step, places_of
 
 
-class Means(NamedTuple):
-    """The start of a step, its length, and entries; the end is where the kernel stands, ``v`` the mean velocities."""
+def make_means(system: MultibodySystem, k: Kernel) -> Any:
+    """The start of a step, its length h [s], and mean-value entries: the end is where the kernel stands.
 
-    h: Any  # (1,) [s]
-    r0: Any  # (nb, 3)
-    R0: Any  # (nb, 3, 3)
-    mean_rows: Program
-    mean_forces: Program
-
-
-def make_means(system: MultibodySystem, k: Kernel) -> Means:
-    """Mean-value entries on the arrays of ``k``; ValueError on rows without a discrete gradient."""
+    ValueError on rows without a discrete gradient.
+    """
     h, r0, R0 = np.zeros(1), np.zeros((system.nb, 3)), np.zeros((system.nb, 3, 3))
     loops = MeanLoops(system, k)
     loops.start = h, r0, R0
-    return Means(h, r0, R0, Program(loops.rows(), (loops, k)), Program(loops.forces(), (loops, k)))
+    rows, forces = (Program(steps, (loops, k)) for steps in (loops.rows(), loops.forces()))
+    return make_bundle("Means", {}, {}, h=h, r0=r0, R0=R0, mean_rows=rows, mean_forces=forces)
 
 
 class MeanLoops(Loops):

@@ -4,7 +4,6 @@ Whatever the kernel leaves not finite goes to the harness's own functions in Num
 """
 
 import threading
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -24,19 +23,11 @@ KEPT = 32  # kernels
 ITERATIONS, CLOSED = 20, 1e-14  # of Gauss-Newton, [m] of phi: as in ``mechanics.consistency``
 
 
-class Entries(NamedTuple):
-    """A kernel of one thread."""
-
-    system: MultibodySystem  # alive, and its id its own, as long as this is kept
-    kernel: Kernel
-    lent: np.ndarray | None  # (nb, 3, 3), and None without any
-
-
 class _Kept(threading.local):
-    """By id of the system, the last ``KEPT`` of each thread, whose entries work on arrays of their own."""
+    """By id of the system, the last ``KEPT`` of each thread: the system, kept alive, kernel and added inertia."""
 
     def __init__(self) -> None:
-        self.entries: dict[tuple[int, str], Entries] = {}
+        self.entries: dict[tuple[int, str], tuple[MultibodySystem, Kernel, np.ndarray | None]] = {}
 
 
 _kept = _Kept()
@@ -98,7 +89,7 @@ NEEDED = {
 }
 
 
-def _entries(system: MultibodySystem, what: str) -> Entries:
+def _entries(system: MultibodySystem, what: str) -> tuple[MultibodySystem, Kernel, np.ndarray | None]:
     key, kept = (id(system), what), _kept.entries
     if key not in kept:
         k = make_kernel(system, NEEDED[what])
@@ -108,7 +99,7 @@ def _entries(system: MultibodySystem, what: str) -> Entries:
         if len(kept) >= KEPT:
             del kept[next(iter(kept))]
         lent = system.lent if np.any(system.lent) else None
-        kept[key] = Entries(system, k, lent)
+        kept[key] = system, k, lent
     return kept[key]
 
 

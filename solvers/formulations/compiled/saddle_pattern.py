@@ -5,54 +5,26 @@ across blocks unnecessary: a joint is eliminated after all of its bodies, so its
 Schur complement A M^-1 D' (+ eps), positive definite for independent rows.
 """
 
-import heapq
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-STATE = np.dtype([("singular", "i8")])
+from .bundles import make_bundle, make_record
+from .greedy_order import eliminate
+
+NUMBERS = {  # of the factors and of a solution, by elimination position
+    "low": "nlow 6 6", "pivot_inverse": "N 6 6", "panel": "npanel",  # blocks of L, panels of U
+    "pivot": "n",  # |pivots|
+    "dense": "6 n", "strip": "n",  # a row in the making
+    "x": "n",  # right-hand side and solution
+}  # fmt: skip
 
 
-class Saddle(NamedTuple):
-    """The blocks of the saddle, each by rows, one after the other in ``LU.blocks``."""
+def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.ndarray) -> tuple[Any, Any]:
+    """Blocks of the saddle, each by rows; elimination order, fill, all blocks one after another, room for numbers.
 
-    bodies: Any  # (npairs, 6, 6) load of one body by velocities of another: pairs of the kernel
-    column: Any  # (2, 6 nrows) load of end e by the multipliers of a joint
-    row: Any  # (2, 6 nrows) rows of a joint by the velocities of end e
-    joint: Any  # (nj, 36) of a joint by itself: a diagonal
-
-
-class LU(NamedTuple):
-    """Blocks of the saddle, and its factors by elimination position p: structure, numbers and work space."""
-
-    state: Any  # record: singular
-    blocks: Any  # all of ``Saddle``
-    size: Any  # (N,) scalars of node p
-    start: Any  # (N + 1,) first scalar of node p
-    body_at: Any  # (nb,) first scalar of each body
-    joint_at: Any  # (nj,)
-    pair_start: Any  # (N + 1,) original blocks of row p ...
-    pair_column: Any  # (npairs,) ... the first scalar of their columns ...
-    pair_width: Any
-    pair_place: Any  # ... and where they are in ``blocks``
-    low_start: Any  # (N + 1,) nodes before p that p's row meets ...
-    low_node: Any  # ... ascending
-    up_start: Any  # (N + 1,) scalar columns behind p in its row ...
-    up: Any  # ... ascending
-    panel_start: Any  # (N + 1,) offset of the (size, width) panel of U
-    low: Any  # (nlow, 6, 6) blocks of L
-    pivot_inverse: Any  # (N, 6, 6)
-    pivot: Any  # (n,) |pivots|
-    panel: Any  # panels of U
-    dense: Any  # (6, n) a row in the making
-    strip: Any  # (n,)
-    swapped: Any  # (6,) rows swapped in a pivot block
-    x: Any  # (n,) right-hand side and solution, in elimination order
-
-
-def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.ndarray) -> tuple[Saddle, LU]:
-    """Blocks, elimination order and fill, with room for the numbers.
-
+    ``bodies``: load of one body by velocities of another, pairs of the kernel; ``column``: load of end e by the
+    multipliers of a joint; ``row``: rows of a joint by the velocities of end e; ``joint``: a diagonal of its own.
     ``bodies`` (nj, 2) of joints, -1 is the ground, and their first rows (nj + 1,); ``pairs`` (npairs, 2) of bodies,
     first each with itself, of which those ``apart`` (indices) have a block, too.
     """
@@ -61,9 +33,9 @@ def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.nd
     first = np.concatenate(([0], np.cumsum(sizes)))
     blocks = np.zeros(first[-1])
     parts = [blocks[first[n] : first[n + 1]] for n in range(6)]
-    saddle = Saddle(
-        parts[0].reshape(-1, 6, 6), blocks[first[1] : first[3]].reshape(2, -1),
-        blocks[first[3] : first[5]].reshape(2, -1), parts[5].reshape(-1, 36),
+    saddle = make_bundle(
+        "Saddle", {}, {}, bodies=parts[0].reshape(-1, 6, 6), column=blocks[first[1] : first[3]].reshape(2, -1),
+        row=blocks[first[3] : first[5]].reshape(2, -1), joint=parts[5].reshape(-1, 36),
     )  # fmt: skip
     keys: dict[tuple[int, int], int] = {(b, b): 36 * b for b in range(nb)}
     for j, ends in enumerate(bodies):
@@ -80,63 +52,28 @@ def analyse(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.nd
             neighbours[a].add(b)
             neighbours[b].add(a)
     size = np.concatenate((np.full(nb, 6), np.diff(row))).astype(np.int64)
-    order, behind = _minimum_degree(neighbours, size, nb, bodies)
+    ahead: list[tuple[int, ...]] = [()] * nb + [tuple(map(int, ends[ends >= 0])) for ends in bodies]
+    found_order, later = eliminate(neighbours, lambda left, a: (int(sum(size[b] for b in left[a])),), ahead)
+    order = np.array(found_order, dtype=np.int64)
     place = np.empty(nb + nj, dtype=np.int64)
     place[order] = np.arange(nb + nj)
     ordered = sorted(keys, key=lambda k: (place[k[0]], place[k[1]]))
     at = np.concatenate(([0], np.cumsum(size[order]))).astype(np.int64)
     column = place[[b for _, b in ordered]]
-    found = {
+    found: dict[str, Any] = {
+        # first scalar of each; of the original blocks of row p the first scalars of their columns, widths and places
         "blocks": blocks, "body_at": at[place][:nb], "joint_at": at[place][nb:],
         "pair_start": np.searchsorted(place[[a for a, _ in ordered]], np.arange(nb + nj + 1)).astype(np.int64),
         "pair_column": at[column], "pair_width": size[order][column],
         "pair_place": np.array([keys[k] for k in ordered], dtype=np.int64),
     }  # fmt: skip
-    return saddle, _structure(order, behind, place, size[order], at, found)
-
-
-def _minimum_degree(
-    neighbours: list[set[int]], size: np.ndarray, nb: int, ends: np.ndarray
-) -> tuple[np.ndarray, list[set[int]]]:
-    """Order and, per node, the nodes behind it that its row meets (fill included)."""
-    alive = [set(s) for s in neighbours]
-    waiting = [0] * nb + [int(np.sum(e >= 0)) for e in ends]
-    joints_of: list[list[int]] = [[] for _ in range(nb)]
-    for j, two in enumerate(ends):
-        for b in two:
-            if b >= 0:
-                joints_of[b].append(nb + j)
-
-    def degree(a: int) -> int:
-        return int(sum(size[b] for b in alive[a]))
-
-    heap = [(degree(a), a) for a in range(len(alive)) if waiting[a] == 0]
-    heapq.heapify(heap)
-    done = [False] * len(alive)
-    order, behind = [], []
-    while heap:
-        d, a = heapq.heappop(heap)
-        if done[a] or d != degree(a):
-            continue
-        done[a] = True
-        order.append(a)
-        behind.append(alive[a])
-        for b in alive[a]:
-            alive[b].discard(a)
-            alive[b] |= alive[a] - {b}
-        if a < nb:
-            for j in joints_of[a]:
-                waiting[j] -= 1
-        for b in alive[a] | (set(joints_of[a]) if a < nb else set()):
-            if waiting[b] == 0 and not done[b]:
-                heapq.heappush(heap, (degree(b), b))
-    return np.array(order, dtype=np.int64), behind
+    return saddle, _structure(order, [later[a] for a in found_order], place, size[order], at, found)
 
 
 def _structure(
     order: np.ndarray, behind: list[set[int]], place: np.ndarray, size: np.ndarray, at: np.ndarray,
-    found: dict[str, np.ndarray],
-) -> LU:  # fmt: skip
+    found: dict[str, Any],
+) -> Any:  # fmt: skip
     N, n = len(order), int(at[-1])
     low: list[list[int]] = [[] for _ in range(N)]
     up: list[np.ndarray] = []
@@ -146,14 +83,15 @@ def _structure(
             low[q].append(p)
         up.append(np.concatenate([np.arange(at[q], at[q + 1]) for q in later] or [np.zeros(0, dtype=np.int64)]))
     width = np.array([len(u) for u in up], dtype=np.int64)
-    return LU(
-        state=np.zeros((), dtype=STATE), **found, size=size, start=at,
+    sizes = {"N": N, "n": n, "nlow": sum(map(len, low)), "npanel": int(np.sum(width * size))}
+    return make_bundle(
+        "LU", NUMBERS, sizes, state=make_record(singular=0), **found,
+        size=size, start=at,  # scalars of node p, its first one
+        # nodes before p that p's row meets, ascending; scalar columns behind p in its row, ascending; its panel of U
         low_start=np.concatenate(([0], np.cumsum([len(q) for q in low]))).astype(np.int64),
         low_node=np.array([q for qs in low for q in qs], dtype=np.int64),
         up_start=np.concatenate(([0], np.cumsum(width))).astype(np.int64),
         up=np.concatenate(up).astype(np.int64) if up else np.zeros(0, dtype=np.int64),
         panel_start=np.concatenate(([0], np.cumsum(width * size))).astype(np.int64),
-        low=np.zeros((sum(map(len, low)), 6, 6)), pivot_inverse=np.zeros((N, 6, 6)), pivot=np.zeros(n),
-        panel=np.zeros(int(np.sum(width * size))), dense=np.zeros((6, n)), strip=np.zeros(n),
-        swapped=np.zeros(6, dtype=np.int64), x=np.zeros(n),
+        swapped=np.zeros(6, dtype=np.int64),  # rows swapped in a pivot block
     )  # fmt: skip

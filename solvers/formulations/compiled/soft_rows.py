@@ -5,55 +5,33 @@ The row of a spring is the rate of its length, A_s = d(length_dot)/dv, that of a
 
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
+from .bundles import make_bundle
 from .kernel import Kernel, empty_kernel, finish_kernel
 
 ROW = list(joints.KINDS).index("driven distance")
+ARRAYS = ("t", "r", "R", "v", "force", "phi", "slip", "rhs", "x", "w")  # of ``Kernel``, one of each stage
+ENTRIES = ("rows", "factorise", "solve", "forces", "divide", "push", "slips")  # 0 where one is not needed
 
 
-class Stages(NamedTuple):
-    """Arrays and entries of ``Kernel``, one of each stage; 0 for entries that are not needed."""
-
-    t: Any
-    r: Any
-    R: Any
-    v: Any
-    force: Any
-    phi: Any
-    slip: Any
-    rhs: Any
-    x: Any
-    w: Any
-    rows: Any  # (n,) words
-    factorise: Any
-    solve: Any
-    forces: Any
-    divide: Any
-    push: Any
-    slips: Any
-
-
-ARRAYS = Stages._fields[: Stages._fields.index("rows")]
-
-
-def stack_kernels(system: MultibodySystem, n: int, needed: Collection[str]) -> tuple[Stages, list[Kernel]]:
+def stack_kernels(system: MultibodySystem, n: int, needed: Collection[str]) -> tuple[Any, list[Kernel]]:
     """``n`` kernels of a system, stacked, and apart: these keep the entries alive."""
     one = empty_kernel(system)
-    stacked = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
+    stacked: dict[str, Any] = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
     made = []
     for i in range(n):
         k = empty_kernel(system)._replace(**{name: a[i] for name, a in stacked.items()})
         made.append(finish_kernel(system, k, needed))
-    words = [np.array([int(getattr(k, name)) for k in made]) for name in Stages._fields[len(ARRAYS) :]]
-    return Stages(*stacked.values(), *words), made
+    words: dict[str, Any] = {name: np.array([int(getattr(k, name)) for k in made]) for name in ENTRIES}
+    return make_bundle("Stages", {}, {}, **stacked, **words), made
 
 
-def make_springs(system: MultibodySystem, n: int) -> tuple[Stages, list[Kernel], np.ndarray]:
+def make_springs(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np.ndarray]:
     """``n`` kernels whose joints are the springs of a system; stiffness, free length and damping (3, ns)."""
     s, m = system, len(system.spring_k)
     none, some, of_time = np.zeros(m, dtype=np.int64), np.zeros((m, 3)), np.zeros((m, 7))

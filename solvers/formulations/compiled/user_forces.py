@@ -24,7 +24,7 @@ def add_user_forces(k):
 
 @inner
 def read_state(k, u, i):
-    """What law ``i`` reads of the state: r, R, v, Omega of both bodies, of the ground none and R = I."""
+    """Set the state that law ``i`` reads: r, R, v, Omega of both bodies, of the ground none and R = I."""
     x = u.state
     for e in range(2):
         b = u.body[i, e]

@@ -17,57 +17,39 @@ The matrix of the iteration is M alone: springs with h^2 k/m of order one and mo
 """
 
 from functools import partial
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ....harness.types import Problem
 from ..compiled.algebra import clear, copy, largest
+from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import inner, run
 from ..compiled.host import Method, tolerance_of
-from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .iteration import FAILED, MOST_ITERATIONS, has_settled
 from .products import add_scaled, move, set_rates
 
 COUNTERS = ("iterations", "factorisations")
-SCHEME = np.dtype(
-    [(name, "f8") for name in ("alpha_m", "alpha_f", "beta", "gamma", "tolerance", "shift")]
-    + [("stabilised", "i8"), ("projected", "i8")]
-)
+ARRAYS = {
+    "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6", "vdot0": "nb 6",
+    "a0": "nb 6",  # the scheme's own acceleration
+    "slack": "nb 6",  # M^-1 A^T eta
+    "dq": "nb 6", "lam": "nr", "eta": "nr",
+}  # fmt: skip
 
 
-class Step(NamedTuple):
-    """Scheme and room of one step; ``v_dot`` of the kernel is vdot."""
-
-    control: Any
-    kernel: Kernel
-    scheme: Any  # record: tolerance of phi and of the last correction of poses [m; without unit], shift of S
-    r0: Any  # (nb, 3)
-    R0: Any  # (nb, 3, 3)
-    v0: Any  # (nb, 6)
-    a0: Any  # (nb, 6) the scheme's own acceleration
-    vdot0: Any  # (nb, 6)
-    slack: Any  # (nb, 6) M^-1 A^T eta
-    dq: Any  # (nb, 6)
-    lam: Any  # (nrows,)
-    eta: Any  # (nrows,)
-
-
-def alpha_steps(problem: Problem, tolerance: float, **scheme: float) -> Method:
-    """The method with numbers of ``SCHEME``; what is not named is 0."""
-    scheme["tolerance"], notes = tolerance_of(tolerance, problem)
-    return Method(partial(prepare, scheme=scheme), step, finish, start, counters=COUNTERS, notes=notes)
-
-
-def prepare(kernel: Kernel, control: np.ndarray, *, scheme: dict[str, float]) -> Step:
-    """Arrays of one step."""
-    nb, nr, record = len(kernel.mass), len(kernel.lam), np.zeros((), dtype=SCHEME)
-    for name, value in scheme.items():
-        record[name] = value
-    v0, a0, vdot0, slack, dq = (np.zeros((nb, 6)) for _ in range(5))
-    lam, eta = np.zeros(nr), np.zeros(nr)
-    return Step(control, kernel, record, np.zeros((nb, 3)), np.zeros((nb, 3, 3)), v0, a0, vdot0, slack, dq, lam, eta)
+def alpha_steps(
+    problem: Problem, tolerance: float, *, beta: float, gamma: float, alpha_m: float = 0.0, alpha_f: float = 0.0,
+    shift: float = 0.0, stabilised: bool = False, projected: bool = False,
+) -> Method:  # fmt: skip
+    """The method; ``tolerance`` of phi and of the last correction of poses [m; without unit], ``shift`` of S."""
+    tolerance, notes = tolerance_of(tolerance, problem)
+    scheme = make_record(
+        alpha_m=alpha_m, alpha_f=alpha_f, beta=beta, gamma=gamma, tolerance=tolerance, shift=shift,
+        stabilised=stabilised, projected=projected,
+    )  # fmt: skip
+    of_system = partial(make_step, arrays=ARRAYS, scheme=scheme)  # ``v_dot`` of the kernel is vdot
+    return Method(of_system, step, finish, start, counters=COUNTERS, notes=notes)
 
 
 def start(s):

@@ -19,48 +19,46 @@ CHOICES = ("a", "mass", "translation")  # of c_R
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
 
 
-class Penalty(NamedTuple):
-    """Augmented Lagrangian; by default the plain weak form."""
+class Settings(NamedTuple):
+    """The choices of docs/notation.md that the kernels branch on; by default the plain weak form."""
 
-    active: int = 0
-    nested: int = 0  # 1: the paper's nested loop, Newton to convergence, then (85)
-    xi: float = 1.0
+    gauge: float = -1.0  # -1 symmetric, 0 zero and accumulate
+    keep_nu: int = 0  # 1: nu is carried from step to step (accumulate, or C_bar, K_bar != 0)
+    direction: int = 0  # index in ``CHOICES``
+    use_f_bar: int = 1
+    corrective: int = 0  # 1: C_bar, K_bar are not zero; mu, lam and sigma carried
+    by_forces: int = 0  # 1: C_bar, K_bar by Eq. (32)
+    c_bar: float = 0.0  # [1/s] added to C_bar, per M_bar
+    k_bar: float = 0.0  # [1/s2] added to K_bar, per M_bar
+    carry_sigma: int = 0  # 1: sigma0 of (75) is that of (62) at the last step, else 0
+    b_term: float = 1.0  # 0 drops the B term of Eq. (71), which costs the order (a planted error)
+    tolerance: float = 1e-8  # [sqrt(J)], Eqs. (80), (81)
+    max_newton: int = 20
+    refresh: float = 0.2  # a kept factorisation is renewed when a correction shrinks the residual by less than this
+    couple: int = 1  # 1: body-to-body blocks of the Jacobian are kept
+    extrapolate: float = 1.0  # 0: the first estimate of a step is its start
+    simplified: int = 0  # 1: the simplified Newton method where it applies
+    whole: int = 0  # 1: with code for the mechanism
+    active: int = 0  # 1: augmented Lagrangian, which alone reads what follows
+    always_nested: int = 0  # 1: the paper's nested loop, Newton to convergence, then (85)
+    penalty: float = 1.0  # xi
     max_augmentations: int = 1  # of the nested loop
     accept: float = 0.0  # [sqrt(J)] (81) at which a step counts as done though (81) does not reach the tolerance
-    correct_pose: int = 0  # 1: poses corrected to phi = 0 after every step
+    closes_pose: int = 0  # 1: poses corrected to phi = 0 after every step
     soft: float = 1.0  # xi (omega dt)^2 of the nested loop at singular configurations
     lambda_bar: int = 0  # 1: lam - xi phi of Eq. (84) in the nested loop
     growth: float = 1.0  # factor on xi after an augmentation that does not reduce phi_dot enough
     singular_turn: float = np.inf  # [rad] limit on the turn in a step once a singular configuration has been met
     redundant: int = 0  # 1: rows are redundant, and what of phi_dot no velocity can change is left
 
-
-class Settings(NamedTuple):
-    """The choices of docs/notation.md that the kernels branch on."""
-
-    gauge: float  # -1 symmetric, 0 zero and accumulate
-    keep_nu: int  # 1: nu is carried from step to step (accumulate, or C_bar, K_bar != 0)
-    direction: int  # index in ``directions.CHOICES``
-    use_f_bar: int
-    corrective: int  # 1: C_bar, K_bar are not zero; mu, lam and sigma carried
-    by_forces: int  # 1: C_bar, K_bar by Eq. (32)
-    c_bar: float  # [1/s] added to C_bar, per M_bar
-    k_bar: float  # [1/s2] added to K_bar, per M_bar
-    carry_sigma: int  # 1: sigma0 of (75) is that of (62) at the last step, else 0
-    b_term: float  # 1; 0 drops the B term of Eq. (71), which costs the order (a planted error)
-    tolerance: float  # [sqrt(J)], Eqs. (80), (81)
-    max_newton: int
-    refresh: float  # a kept factorisation is renewed when a correction shrinks the residual by less than this factor
-    couple: int  # 1: body-to-body blocks of the Jacobian are kept
-    extrapolate: float = 1.0  # 0: the first estimate of a step is its start
-    simplified: int = 0  # 1: the simplified Newton method where it applies
-    whole: int = 0  # 1: with code for the mechanism
-    penalty: Penalty = Penalty()
+    def numbers(self) -> dict[str, float]:
+        """By name, for a record: whole ones as such."""
+        return {name: type(self._field_defaults[name])(x) for name, x in self._asdict().items()}
 
 
 def applies(settings: Settings, system: MultibodySystem) -> bool:
     """Whether the simplified method solves the step that ``settings`` describe."""
-    plain = not (settings.corrective or settings.carry_sigma or settings.penalty.nested)
+    plain = not (settings.corrective or settings.carry_sigma or settings.always_nested)
     forces = sum(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i))
     return plain and settings.simplified == 1 and not forces and system.is_pinned
 
@@ -166,23 +164,14 @@ class GaugeChoices:
         exact = self.newton == "exact"
         return Settings(
             gauge=-1.0 if self.gauge == "symmetric" and not corrective else 0.0,
-            keep_nu=int(self.gauge == "accumulate" or corrective),
-            direction=CHOICES.index(self.direction),
-            use_f_bar=int(self.f_bar),
-            corrective=int(corrective),
-            by_forces=int(by_forces),
-            c_bar=self.c_bar,
-            k_bar=self.k_bar,
-            carry_sigma=int(self.sigma0 == "carried" or corrective),
-            b_term=float(self.b_term),
-            tolerance=self.of_energy(self.tolerance, problem),
-            max_newton=self.max_newton,
-            refresh=0.0 if exact else 0.2,
-            couple=int(exact),
-            extrapolate=float(self.estimate == "extrapolated"),
-            simplified=int((self.newton, self.estimate, self.mu0) == ("simplified", "extrapolated", "zero")),
-            whole=int(self.code == "mechanism"),
-        )
+            keep_nu=self.gauge == "accumulate" or corrective, direction=CHOICES.index(self.direction),
+            use_f_bar=self.f_bar, corrective=corrective, by_forces=by_forces, c_bar=self.c_bar, k_bar=self.k_bar,
+            carry_sigma=self.sigma0 == "carried" or corrective, b_term=float(self.b_term),
+            tolerance=self.of_energy(self.tolerance, problem), max_newton=self.max_newton,
+            refresh=0.0 if exact else 0.2, couple=exact, extrapolate=float(self.estimate == "extrapolated"),
+            simplified=(self.newton, self.estimate, self.mu0) == ("simplified", "extrapolated", "zero"),
+            whole=self.code == "mechanism",
+        )  # fmt: skip
 
     @staticmethod
     def of_energy(tolerance: float, problem: Problem) -> float:

@@ -14,37 +14,27 @@ step: alternation cancels, a straight line is continued. The matrix of the itera
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem
 from ..compiled.algebra import clear, copy, largest
+from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import inner, run
 from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
-from ..compiled.means import Means, make_means
+from ..compiled.means import make_means
 from .iteration import FAILED, MOST_ITERATIONS, has_settled
 from .products import add_scaled, set_rates
 
-SCHEME = np.dtype([("tolerance", "f8")])
-
-
-class Step(NamedTuple):
-    """Room for one step."""
-
-    control: Any
-    kernel: Kernel
-    means: Means
-    scheme: Any  # record: tolerance of phi and of the last correction of poses [m; axis rows and angles without unit]
-    v0: Any  # (nb, 6)
-    v: Any  # (nb, 6) at the end
-    gain: Any  # (nb, 6) v_1 - v_0, the estimate of the next step's
-    F: Any  # (nrows,) multipliers of the middle
-    F1: Any  # (nrows,) of the middle of the step before
-    F2: Any  # (nrows,) and of the one before that
+ARRAYS = {
+    "v0": "nb 6", "v": "nb 6",  # at the start and at the end
+    "gain": "nb 6",  # v_1 - v_0, the estimate of the next step's
+    "F": "nr", "F1": "nr", "F2": "nr",  # multipliers of the middle, and of those of the two steps before
+}  # fmt: skip
 
 
 def mean_value_steps(problem: Problem, tolerance: float) -> Method:
@@ -54,13 +44,10 @@ def mean_value_steps(problem: Problem, tolerance: float) -> Method:
     return Method(of_system, step, finish, start, counters=("iterations", "factorisations"), notes=notes)
 
 
-def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
-    """Arrays and mean-value entries of one step."""
-    nb, nr = len(kernel.mass), len(kernel.lam)
-    return Step(
-        control, kernel, make_means(system, kernel), np.array((tolerance,), dtype=SCHEME),
-        *(np.zeros((nb, 6)) for _ in range(3)), *(np.zeros(nr) for _ in range(3)),
-    )  # fmt: skip
+def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Any:
+    """The bundle of a step, with mean-value entries."""
+    means, scheme = make_means(system, kernel), make_record(tolerance=tolerance)
+    return make_step(kernel, control, arrays=ARRAYS, means=means, scheme=scheme)
 
 
 def start(s):

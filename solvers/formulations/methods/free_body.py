@@ -6,28 +6,24 @@ exact: the first turns R by exp(h L / J_3), the i-th by exp(z e_i) with z = h (1
 """
 
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..compiled.algebra import turned_by
+from ..compiled.bundles import make_bundle
 from ..compiled.entries import inner
 
 EQUAL = 1e-14  # of the inertia: two principal values that are one
 NEWTON = 30  # corrections of the discrete free body
 
 
-class Principal(NamedTuple):
-    """Principal axes of each body (columns of Q, in the body frame) and inertias; axes 0 and 1 are turned about."""
+def principal(inertia: np.ndarray) -> Any:
+    """Principal axes (columns of Q) and inertias of each body; 0 and 1 are turned about, J[2] is the isotropic part's.
 
-    Q: np.ndarray  # (nb, 3, 3)
-    turned: np.ndarray  # (nb,) 1 where Q is not the identity
-    J: np.ndarray  # (nb, 3): J[2] is that of the isotropic part
-    rate: np.ndarray  # (nb, 2): 1/J_i - 1/J_3, 0 where they are equal
-
-
-def principal(inertia: np.ndarray) -> Principal:
-    """Axes so ordered that an axisymmetric body needs one turn and a sphere none."""
+    So ordered that an axisymmetric body needs one turn and a sphere none. ``turned`` is 1 where Q is not the identity,
+    ``rate`` (nb, 2) is 1/J_i - 1/J_3, 0 where they are equal.
+    """
     nb = len(inertia)
     Q, J = np.zeros((nb, 3, 3)), np.zeros((nb, 3))
     for b in range(nb):
@@ -42,7 +38,7 @@ def principal(inertia: np.ndarray) -> Principal:
     rate = 1.0 / J[:, :2] - 1.0 / J[:, 2:] if nb else np.zeros((0, 2))
     rate[np.abs(rate) * J[:, 2:] < EQUAL] = 0.0
     turned = np.array([0 if np.array_equal(q, np.eye(3)) else 1 for q in Q], dtype=np.int64)
-    return Principal(Q.copy(), turned, J, rate)
+    return make_bundle("Principal", {}, {}, Q=Q.copy(), turned=turned, J=J, rate=rate)
 
 
 @inner

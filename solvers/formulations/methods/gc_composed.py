@@ -1,30 +1,24 @@
 """Symmetric compositions of ODE-GC's step in the symmetric gauge, whose mu starts anew in each sub-step (compiled)."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
+from ..compiled.bundles import make_bundle
 from ..compiled.entries import run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .choices import Settings
-from .gc_step import NEEDED, Step, accept_step, begin_march, begin_step, make_step, take_step
-
-
-class Composed(NamedTuple):
-    """A step and its sub-steps ``gamma dt``."""
-
-    step: Step
-    gamma: Any
+from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, take_step
 
 
 def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray, rate: float) -> Method:
-    """The method; ``rate`` [rad/s] of reversible steps."""
+    """The method with sub-steps ``gamma dt``; ``rate`` [rad/s] of reversible steps."""
 
-    def prepare(kernel: Kernel, control: np.ndarray) -> Composed:
-        return Composed(make_step(system, kernel, control, choices), gamma)
+    def prepare(kernel: Kernel, control: np.ndarray) -> Any:
+        return make_bundle("Composed", {}, {}, step=make_step(system, kernel, control, choices), gamma=gamma)
 
     return Method(prepare, step, finish, start, rate=rate, counters=("iterations", "factorisations"), needs=NEEDED)
 

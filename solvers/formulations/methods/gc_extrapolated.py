@@ -6,49 +6,37 @@ accepted step is projected onto phi = 0 and A v = 0.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, turned_by
+from ..compiled.bundles import make_bundle, make_record
 from ..compiled.entries import inner, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from .choices import Settings
-from .gc_step import NEEDED, Step, accept_step, begin_march, begin_step, make_step, restart, take_step
+from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, restart, take_step
 
 WIDEST = 2.5  # [rad] of a turn in one step: its logarithm is unique below pi
 NEAR, FORGET = 0.7, 1.05  # of a step that did not converge: how close the next ones come, and its growth a step
 
-MEMORY = np.dtype([("failed", "f8"), ("max_step", "f8")])  # [s] shortest step that lately did not converge; as asked
-
-
-class Extrapolated(NamedTuple):
-    """A step, the start of the whole step, and the scheme."""
-
-    step: Step
-    memory: Any  # record
-    r: Any  # (nb, 3)
-    R: Any  # (nb, 3, 3)
-    v: Any  # (nb, 6)
-    v_dot: Any  # (nb, 6) of index 1
-    lam: Any  # (nrows,)
-    table: Any  # (K, nb, 12) last row of the scheme
-    new: Any  # (12,)
-    old: Any  # (12,)
+ARRAYS = {  # the start of the whole step, accelerations and multipliers of index 1
+    "r": "nb 3", "R": "nb 3 3", "v": "nb 6", "v_dot": "nb 6", "lam": "nr", "new": "12", "old": "12",
+}  # fmt: skip
 
 
 def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int) -> Method:
     """The method of order 2 ``columns``."""
+    arrays = ARRAYS | {"table": f"{columns} nb 12"}  # last row of the scheme
 
-    def prepare(kernel: Kernel, control: np.ndarray) -> Extrapolated:
-        nb, memory = len(kernel.mass), np.array((np.inf, control["max_step"]), dtype=MEMORY)
-        return Extrapolated(
-            make_step(system, kernel, control, choices), memory, np.zeros((nb, 3)), np.zeros((nb, 3, 3)),
-            np.zeros((nb, 6)), np.zeros((nb, 6)), np.zeros(len(kernel.lam)), np.zeros((columns, nb, 12)), np.zeros(12),
-            np.zeros(12),
-        )  # fmt: skip
+    def prepare(kernel: Kernel, control: np.ndarray) -> Any:
+        step = make_step(system, kernel, control, choices)
+        # [s] shortest step that lately did not converge; as asked
+        memory = make_record(failed=math.inf, max_step=float(control["max_step"]))
+        sizes = {"nb": len(kernel.mass), "nr": len(kernel.lam)}
+        return make_bundle("Extrapolated", arrays, sizes, step=step, memory=memory)
 
     counters = ("rejected", "iterations", "factorisations")
     return Method(prepare, step, finish, start, order=2.0 * columns - 1.0, counters=counters, needs=NEEDED)

@@ -11,15 +11,12 @@ infinite it is Sect. 4.2, with a finite penalty one correction and one augmentat
 """
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiled.algebra import clear, copy, sines, turned_by
+from ..compiled.algebra import clear, copy, sines, times, times_transposed, turned_by
 from ..compiled.entries import apart, inner, run
-from ..compiled.kernel import Kernel
 from ..compiled.marching import NOT_FINITE, STUCK
-from ..compiled.saddle_pattern import LU, Saddle
 from .gc_step import move_poses
 
 CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
@@ -27,99 +24,29 @@ NEAR = 3.0  # decades of the determinant below its largest, where rows that lose
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
 
-SCHEME = np.dtype(
-    [(name, "f8") for name in (
-        "gauge", "b_term", "tolerance", "refresh", "extrapolate", "c_bar", "k_bar", "penalty", "accept", "soft",
-        "growth", "singular_turn", "max_turn",
-        # of the present step: its length, penalty, length of the factor's step (0: none), norms (80) and (81), log10 of
-        # the determinant, its change, its largest; length of the last step (0: none)
-        "h", "xi", "factored", "norm", "slip", "log_det", "fall", "highest", "last",
-    )]
-    + [(name, "i8") for name in (
-        "use_f_bar", "keep_nu", "corrective", "by_forces", "carry_sigma", "velocity", "pushed", "max_newton",
-        "active", "always_nested", "lambda_bar", "closes_pose", "redundant", "max_augmentations",
-        "nested", "outcome", "corrections",  # inside the nested loop; of the last try: outcome, corrections before it
-    )]
+TERMS = (  # of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end
+    "nu", "nu_start",  # nu0 = gauge nu + nu_start
+    "lam0", "mu0", "sigma0", "phi0", "phi_dot0", "f_bar0", "c_bar0", "k_bar0",
+    "phi1", "phi_dot1", "m_bar", "f_bar1", "c_bar1", "k_bar1",
+    "G0", "G1", "dG",  # dG1/dnu1
+    "p", "z",  # factors of D1 in (74), of D_dot1
+    "stiff",  # -dp/dnu1
+    "on_rate", "on_phi",  # factors of phi_dot1 and phi1 in (75)
+    "nu_kept",  # multiplier of the nested loop
+    "left",  # what of (75) no velocity can change, see ``leave_redundant``
+    "softness",  # (Xi M_bar)^-1
+    "off",  # (75) over M_bar
+    "old", "increment",  # nu of the last step, its change over the step before (0 after a change of the step)
 )  # fmt: skip
-
-
-class Terms(NamedTuple):
-    """Terms of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end."""
-
-    nu: Any
-    nu_start: Any  # nu0 = gauge nu + nu_start
-    lam0: Any
-    mu0: Any
-    sigma0: Any
-    phi0: Any
-    phi_dot0: Any
-    f_bar0: Any
-    c_bar0: Any
-    k_bar0: Any
-    phi1: Any
-    phi_dot1: Any
-    m_bar: Any
-    f_bar1: Any
-    c_bar1: Any
-    k_bar1: Any
-    G0: Any
-    G1: Any
-    dG: Any  # dG1/dnu1
-    p: Any  # factor of D1 in (74), of D_dot1
-    z: Any
-    stiff: Any  # -dp/dnu1
-    on_rate: Any  # factors of phi_dot1 and phi1 in (75)
-    on_phi: Any
-    nu_kept: Any  # multiplier of the nested loop
-    left: Any  # what of (75) no velocity can change, see ``_leave_redundant``
-    softness: Any  # (Xi M_bar)^-1
-    off: Any  # (75) over M_bar
-    old: Any  # nu of the last step
-    increment: Any  # its change over the step before (0 after a change of the step)
-
-
-class Step(NamedTuple):
-    """A step, which starts where ``kernel`` stands."""
-
-    control: Any
-    kernel: Kernel
-    scheme: Any
-    told: Any  # (6,) ``TOLD``
-    plan: Any  # (3,) dt/2, B, gauge
-    terms: Terms
-    c: Any  # (2, nrows, 6) c_R on both ends, of the ground 0
-    couple: Any  # (nj, 2, 2) pair of the kernel: load of end e by the motion of end o
-    saddle: Saddle
-    lu: LU
-    row_at: Any  # (nrows,) places of rows in ``lu.x``
-    y: Any  # as ``lu.x``
-    T: Any  # (nb, 9)
-    r0: Any  # (nb, 3)
-    R0: Any  # (nb, 3, 3)
-    v0: Any  # (nb, 6)
-    force0: Any  # (nb, 6)
-    known: Any  # (nb, 6) the part of (74) that the end does not change, in space
-    off: Any  # (nb, 6) residual (74)
-    old_v: Any  # (nb, 6) velocities one step before the present ones
-    measure: int = 0  # entries of ``rows.newton``
-    direction: int = 0
-    begin: int = 0
-    balance: int = 0
-    slopes: int = 0
-    factor_saddle: Any = 0
-    solve_saddle: Any = 0
-    complete: int = 0  # entries of functions here
-    evaluate: int = 0
-    assemble: int = 0
-    begin_step: int = 0
-    estimate: int = 0
-    refresh: int = 0
-    correct: int = 0
-    leave_redundant: Any = 0
-    correct_pose: Any = 0
-    keep_end: int = 0
-
-
+ARRAYS = {
+    "plan": "3",  # dt/2, B, gauge
+    "c": "2 nr 6",  # c_R on both ends, of the ground 0
+    "y": "n",  # as ``lu.x``
+    "T": "nb 9", "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6", "force0": "nb 6",
+    "known": "nb 6",  # the part of (74) that the end does not change, in space
+    "off": "nb 6",  # residual (74)
+    "old_v": "nb 6",  # velocities one step before the present ones
+}  # fmt: skip
 PARTS = (  # in which order they are made: each calls those before it
     "complete", "evaluate", "assemble", "begin_step", "estimate", "refresh", "leave_redundant", "correct",
     "correct_pose", "keep_end",
@@ -316,13 +243,11 @@ def begin_step(s):
             lam_bar = o.lam0[a] - (g.penalty * o.phi0[a] if g.lambda_bar else 0.0)
             o.G0[a] += o.c_bar0[a] * o.mu0[a] + o.k_bar0[a] * lam_bar
     for b in range(len(k.mass)):
-        v, f, J, R, out = s.v0[b], s.force0[b], k.J[b], s.R0[b], s.known[b]
-        t0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5] + half * f[3]
-        t1 = J[1, 0] * v[3] + J[1, 1] * v[4] + J[1, 2] * v[5] + half * f[4]
-        t2 = J[2, 0] * v[3] + J[2, 1] * v[4] + J[2, 2] * v[5] + half * f[5]
+        v, f, out = s.v0[b], s.force0[b], s.known[b]
+        p = times(k.J[b], v[3], v[4], v[5])
+        L = times(s.R0[b], p[0] + half * f[3], p[1] + half * f[4], p[2] + half * f[5])
         for q in range(3):
-            out[q] = -k.mass[b] * v[q] - half * f[q]
-            out[3 + q] = -(R[q, 0] * t0 + R[q, 1] * t1 + R[q, 2] * t2)
+            out[q], out[3 + q] = -k.mass[b] * v[q] - half * f[q], -L[q]
     k.t[0] = s.control.t
     run(s.begin)
 
@@ -407,17 +332,18 @@ def evaluate(s):
         o.stiff[a] = 1.0 + half * o.dG[a]
         total += m * o.off[a] * o.off[a]
     for b in range(len(k.mass)):
-        v, f, J, R, out, w = k.v[b], k.force[b], k.J[b], k.R[b], s.off[b], s.known[b]
+        v, f, out, w = k.v[b], k.force[b], s.off[b], s.known[b]
+        back, p = times_transposed(k.R[b], w[3], w[4], w[5]), times(k.J[b], v[3], v[4], v[5])
         for q in range(3):
             out[q] = w[q] + k.mass[b] * v[q] - half * f[q]
-            out[3 + q] = R[0, q] * w[3] + R[1, q] * w[4] + R[2, q] * w[5] - half * f[3 + q]
-            out[3 + q] += J[q, 0] * v[3] + J[q, 1] * v[4] + J[q, 2] * v[5]
+            out[3 + q] = back[q] - half * f[3 + q] + p[q]
     run(s.balance)
     for b in range(len(k.mass)):
-        out, J = s.off[b], k.J_inv[b]
+        out = s.off[b]
+        turn = times(k.J_inv[b], out[3], out[4], out[5])
         for q in range(3):
             total += out[q] * out[q] / k.mass[b]
-            total += out[3 + q] * (J[q, 0] * out[3] + J[q, 1] * out[4] + J[q, 2] * out[5])
+            total += out[3 + q] * turn[q]
     g.norm, g.slip = math.sqrt(total), math.sqrt(slip)
     s.control.residuals += 1
 
@@ -433,9 +359,7 @@ def assemble(s):
             s.T[b],
         )  # fmt: skip
         J, T, v = k.J[b], s.T[b], k.v[b]
-        p0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5]
-        p1 = J[1, 0] * v[3] + J[1, 1] * v[4] + J[1, 2] * v[5]
-        p2 = J[2, 0] * v[3] + J[2, 1] * v[4] + J[2, 2] * v[5]
+        p0, p1, p2 = times(J, v[3], v[4], v[5])
         for q in range(3):
             K[b, q, q] = k.mass[b]
             x, y, z = T[q], T[3 + q], T[6 + q]  # d(R J Omega) = R (J dOmega - J Omega x theta)

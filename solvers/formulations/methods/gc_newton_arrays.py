@@ -9,6 +9,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.block_lu import factor, solve
+from ..compiled.bundles import make_bundle, make_record
 from ..compiled.entries import Bound
 from ..compiled.host import Method, integrate
 from ..compiled.kernel import Kernel, Loops, places_of
@@ -19,7 +20,7 @@ from ..generated import Program
 from ..rows.kept import newton_code
 from . import gc_newton
 from .choices import TOLD, Settings
-from .gc_newton import PARTS, SCHEME, Step, Terms
+from .gc_newton import ARRAYS, PARTS, TERMS
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
 
@@ -48,34 +49,33 @@ def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
     """The method with these choices."""
-    p = settings.penalty
-    given = settings._asdict() | p._asdict()
-    choices = {name: given[name] for name in SCHEME.names or () if name in given} | {
-        "penalty": p.xi, "nested": 0, "always_nested": p.nested, "closes_pose": p.correct_pose,
-        "max_turn": max_turn or np.inf, "velocity": mu0 == "velocity",
-    }  # fmt: skip
     of_system = partial(
-        make_step, system=system, direction=settings.direction, couple=bool(settings.couple), choices=choices
+        make_step, system=system, settings=settings, max_turn=max_turn or np.inf, velocity=mu0 == "velocity"
     )
     return Method(
         of_system, gc_newton.step, gc_newton.finish, gc_newton.start, counters=COUNTERS, most_cuts=max_cuts,
-        tells=TOLD if p.active else TOLD[:4], explain=partial(explain, most_cuts=max_cuts), needs=NEEDED,
+        tells=TOLD if settings.active else TOLD[:4], explain=partial(explain, most_cuts=max_cuts), needs=NEEDED,
     )  # fmt: skip
 
 
 NEEDED = ("applied", "applied_slopes", "spring_slopes")
+ENTRIES = (*PARTS, "measure", "direction", "begin", "balance", "slopes", "factor_saddle", "solve_saddle")
 
 
 def make_step(
-    k: Kernel, control: np.ndarray, *, system: MultibodySystem, direction: int, couple: bool, choices: dict[str, float]
-) -> Step:
-    """Arrays of one step."""
-    nb, nr = len(k.mass), len(k.lam)
-    scheme = np.zeros((), dtype=SCHEME)
-    for name, value in choices.items():
-        scheme[name] = value
-    scheme["xi"], scheme["highest"] = scheme["penalty"], -np.inf
-    scheme["pushed"] = any(len(getattr(system, f"{kind}_i")) for kind in ("spring", "torsion", "load", "user"))
+    k: Kernel, control: np.ndarray, *, system: MultibodySystem, settings: Settings, max_turn: float = np.inf,
+    velocity: bool = False,
+) -> Any:  # fmt: skip
+    """Arrays of one step; ``velocity``: the first mu is the velocity along c_R."""
+    nb, nr, direction, couple = len(k.mass), len(k.lam), settings.direction, bool(settings.couple)
+    pushes = any(len(getattr(system, f"{kind}_i")) for kind in ("spring", "torsion", "load", "user"))
+    scheme = make_record(
+        **settings.numbers(), max_turn=max_turn, velocity=velocity, pushed=pushes,
+        # of the present step: its length, penalty, length of the factor's step (0: none), norms (80) and (81), log10 of
+        # the determinant, its change, its largest; length of the last step (0: none)
+        h=0.0, xi=settings.penalty, factored=0.0, norm=0.0, slip=0.0, log_det=0.0, fall=0.0, highest=-np.inf, last=0.0,
+        nested=0, outcome=0, corrections=0,  # inside the nested loop; of the last try: outcome, corrections before it
+    )  # fmt: skip
     pair_at = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
     pushed = {(int(a), int(b)) for kind in ("spring", "torsion", "user")
               for one in zip(getattr(system, f"{kind}_i"), getattr(system, f"{kind}_j"), strict=True)
@@ -83,20 +83,20 @@ def make_step(
     apart = np.arange(nb, len(k.pair)) if couple else np.array(sorted(pair_at[p] for p in pushed), dtype=np.int64)
     saddle, lu = analyse(k.body, k.row, k.pair, apart)
     couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in k.body]
-    step = Step(
-        control, k, scheme, told=np.zeros(len(TOLD) if scheme["active"] else 4), plan=np.zeros(3),
-        terms=Terms(*(np.zeros(nr) for _ in Terms._fields)), c=np.zeros((2, nr, 6)),
+    step = make_bundle(
+        "Step", ARRAYS, {"nb": nb, "nr": nr, "n": len(lu.x)}, ENTRIES, control=control, kernel=k, scheme=scheme,
+        told=np.zeros(len(TOLD) if settings.active else 4),
+        terms=make_bundle("Terms", dict.fromkeys(TERMS, "nr"), {"nr": nr}),
+        # pairs of the kernel: load of end e by the motion of end o; places of rows in ``lu.x``
         couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2), saddle=saddle, lu=lu,
-        row_at=np.repeat(lu.joint_at - k.row[:-1], np.diff(k.row)) + np.arange(nr), y=np.zeros(len(lu.x)),
-        T=np.zeros((nb, 9)), r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)),
-        force0=np.zeros((nb, 6)), known=np.zeros((nb, 6)), off=np.zeros((nb, 6)), old_v=np.zeros((nb, 6)),
+        row_at=np.repeat(lu.joint_at - k.row[:-1], np.diff(k.row)) + np.arange(nr),
     )  # fmt: skip
     loops = NewtonLoops(system, k)
     loops.at, loops.couple, loops.choice = step, couple, direction
     entries: dict[str, Any] = dict(loops.entries())
     entries |= {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu)}
     step = step._replace(**entries)
-    optional = {"leave_redundant": scheme["redundant"], "correct_pose": scheme["closes_pose"]}
+    optional = {"leave_redundant": settings.redundant, "correct_pose": settings.closes_pose}
     for name in PARTS:
         entered = optional.get(name, 1)
         entry: dict[str, Any] = {name: Bound(getattr(gc_newton, name), step) if entered else Program([])}
@@ -104,7 +104,7 @@ def make_step(
     return step
 
 
-def explain(s: Step, outcome: int, *, most_cuts: int) -> str:
+def explain(s: Any, outcome: int, *, most_cuts: int) -> str:
     """Why a march has ended."""
     cut = f"with the step cut {most_cuts} times"
     if outcome == NOT_FINITE:
@@ -119,7 +119,7 @@ def explain(s: Step, outcome: int, *, most_cuts: int) -> str:
 class NewtonLoops(Loops):
     """Entries of ``rows.newton``."""
 
-    at: Step
+    at: Any  # step of ``gc_newton``
     couple: bool
     choice: int  # of c in Eq. (31)
 

@@ -12,18 +12,19 @@ multiplier: the motion is that of the proximal saddle.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ..compiled.algebra import clear, copy, turned_by
+from ..compiled.algebra import clear, copy, times, times_transposed, turned_by
+from ..compiled.bundles import make_bundle, make_record
 from ..compiled.entries import Bound, inner, run
 from ..compiled.kernel import Kernel
 from ..compiled.mechanism import code_of_mechanism
 from ..generated import Program
 from .choices import TOLD, Settings
-from .gc_wrenches import Arrays, WrenchLoops
+from .gc_wrenches import WrenchLoops
 
 EARLY = 0.1  # of the change before, in place of ``refresh``: by code a factor costs less than an iteration
 DEPTH, DEEP = 4, 7  # past steps from which the next one is estimated: by loops over joints, by code
@@ -33,85 +34,61 @@ PASSES = 2  # of the pose correction: the factor is that of the step's first est
 NEEDED = ("rows", "factorise", "solve")
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 
-SCHEME = np.dtype(
-    [(name, "f8") for name in ("gauge", "b_term", "tolerance", "refresh", "log_det", "fall")]
-    + [(name, "i8") for name in ("direction", "use_f_bar", "keep_nu", "known", "factored", "rank", "begun")]
-)
+ARRAYS = {  # suffix 0: the start of the step
+    "u": "nb 6",  # r_dot, omega
+    "load": "nb 6", "nu_start": "nr", "nu": "nr", "f_bar": "nr", "f_bar0": "nr",
+    "slip": "nr",  # M_bar phi_dot^2
+    "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6",
+    "known": "nb 6",  # the part of w that the end does not change
+    "acceleration": "depth nb 6",  # means over the last steps, in turn
+    "impulse": "depth nr",  # (nu1 - nu0) / dt of these steps
+    "middle": "depth", "share": "depth",  # [s] their middles; theirs in the estimate of the next step
+    "found": "2",  # rank and log10 det S of the last factor
+    "square": "1",  # [J] of the last change
+}  # fmt: skip
+ENTRIES = (
+    "impulses", "rates", "loads", "start",  # of ``gc_wrenches``
+    "begin",  # ``known``, ``f_bar0`` and what else the start of a step leaves
+    "factor",  # S at the poses of the kernel, ``found``
+    "iterate",  # v and nu at the poses of the kernel, ``square``
+    "correct",  # poses onto phi = 0, with the factor at hand
+)  # fmt: skip
 
 
-class Step(NamedTuple):
-    """Scheme and room of one step; suffix 0: its start."""
-
-    control: Any
-    kernel: Kernel
-    scheme: Any  # record: the free choices; log10 det S and its last change; steps known of the past, whether there is
-    # a factor, the rank of the rows at the start, whether the next step has begun
-    told: Any  # (6,) ``TOLD``
-    impulses: int  # entries of ``gc_wrenches``
-    rates: int
-    loads: int
-    start: int
-    plan: Any  # and their arrays
-    numbers: Any
-    u: Any
-    load: Any
-    nu_start: Any
-    nu: Any
-    f_bar: Any
-    slip: Any
-    f_bar0: Any  # (nrows,)
-    r0: Any  # (nb, 3)
-    R0: Any  # (nb, 3, 3)
-    v0: Any  # (nb, 6)
-    known: Any  # (nb, 6) the part of w that the end does not change
-    acceleration: Any  # (depth, nb, 6) means over the last steps, in turn
-    impulse: Any  # (depth, nrows) (nu1 - nu0) / dt of these steps
-    middle: Any  # (depth,) [s] their middles
-    share: Any  # (depth,) theirs in the estimate of the next step
-    found: Any  # (2,) rank and log10 det S of the last factor
-    square: Any  # (1,) [J] of the last change
-    begin: Any = 0  # entries: ``known``, ``f_bar0`` and what else the start of a step leaves
-    factor: Any = 0  # S at the poses of the kernel, ``found``
-    iterate: Any = 0  # v and nu at the poses of the kernel, ``square``
-    correct: Any = 0  # poses onto phi = 0, with the factor at hand
-
-
-def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Step:
+def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Any:
     """Arrays and entries of one step."""
-    nb, nr, depth = len(kernel.mass), len(kernel.lam), DEEP if choices.whole else DEPTH
-    scheme = np.zeros((), dtype=SCHEME)
-    for name in ("gauge", "b_term", "tolerance", "refresh", "direction", "use_f_bar", "keep_nu"):
-        scheme[name] = getattr(choices, name)
+    nb, depth = len(kernel.mass), DEEP if choices.whole else DEPTH
+    scheme = make_record(
+        # log10 det S and its last change; steps known of the past, whether there is a factor, the rank of the rows at
+        # the start, whether the next step has begun
+        **choices.numbers(), log_det=0.0, fall=0.0, known=0, factored=0, rank=0, begun=0,
+    )  # fmt: skip
     weight = system.mass[:, None] * system.gravity
     numbers = np.concatenate(
         (weight, system.mass[:, None], kernel.J_inv.reshape(nb, 9), kernel.J.reshape(nb, 9)), axis=1
     )
-    plan = np.array([0.0, 0.0, float(scheme["gauge"])])
-    arrays = Arrays(plan, numbers, np.zeros((nb, 6)), np.zeros((nb, 6)), *(np.zeros(nr) for _ in range(4)))
-    step = Step(
-        control, kernel, scheme, np.zeros(len(TOLD)), 0, 0, 0, 0, **arrays._asdict(), f_bar0=np.zeros(nr),
-        r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
-        acceleration=np.zeros((depth, nb, 6)), impulse=np.zeros((depth, nr)), middle=np.zeros(depth),
-        share=np.zeros(depth), found=np.zeros(2), square=np.zeros(1),
+    step = make_bundle(
+        "Step", ARRAYS, {"nb": nb, "nr": len(kernel.lam), "depth": depth}, ENTRIES, control=control, kernel=kernel,
+        scheme=scheme, told=np.zeros(len(TOLD)), plan=np.array([0.0, 0.0, choices.gauge]), numbers=numbers,
     )  # fmt: skip
     if choices.whole:
         return _with_code(system, step, choices)
     loops = WrenchLoops(system, kernel)
-    loops.at = arrays
-    made = loops.entries(int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
+    loops.at = step
+    made = loops.entries(choices.direction, use_f_bar=bool(choices.use_f_bar))
     step = step._replace(start=made.pop("begin"), **made)
-    correct = Bound(correct_poses, kernel) if choices.penalty.correct_pose else Program([])
+    correct = Bound(correct_poses, kernel) if choices.closes_pose else Program([])
     return step._replace(
         begin=Bound(begin_by_loops, step), factor=Bound(factor_by_loops, step), iterate=Bound(iterate_by_loops, step),
         correct=correct,
     )  # fmt: skip
 
 
-def _with_code(system: MultibodySystem, s: Step, choices: Settings) -> Step:
+def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
     """Entries of straight code for the mechanism."""
-    k, names = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu")
+    k, names, given = s.kernel, ("gauge", "b_term", "direction", "use_f_bar", "keep_nu"), choices.numbers()
     s.scheme["refresh"] = EARLY
-    code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: getattr(choices, name) for name in names})
+    code, _, (kept, size) = code_of_mechanism(system, k, "iterate", **{name: given[name] for name in names})
     start, factor, poses = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R]
     moved, v, nu = [np.zeros_like(k.r), np.zeros_like(k.R)], np.zeros_like(k.v), np.zeros_like(s.nu)
 
@@ -126,7 +103,7 @@ def _with_code(system: MultibodySystem, s: Step, choices: Settings) -> Step:
             ("iterate", [k.t, s.plan, k.r, k.R, k.v, s.known, start, s.nu, factor, v, nu, s.square]),
             ("copy", [v, nu, k.v, s.nu]),
         ),
-        correct=program(*correct * PASSES * choices.penalty.correct_pose),
+        correct=program(*correct * PASSES * choices.closes_pose),
     )  # fmt: skip
 
 
@@ -152,9 +129,9 @@ def restart(s, v_dot, lam):
 def _spin(k, u):
     """u := (r_dot, R Omega) of the velocities of ``k``."""
     for b in range(len(k.mass)):
-        R, x, y, z = k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5]
+        omega = times(k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5])
         for a in range(3):
-            u[b, a], u[b, 3 + a] = k.v[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
+            u[b, a], u[b, 3 + a] = k.v[b, a], omega[a]
 
 
 @inner
@@ -185,13 +162,11 @@ def begin_by_loops(s):
     """``begin`` of any mechanism."""
     k, h = s.kernel, 2.0 * s.plan[0]
     for b in range(len(k.mass)):
-        v, J = k.v[b], k.J[b]
-        l0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5]
-        l1 = J[1, 0] * v[3] + J[1, 1] * v[4] + J[1, 2] * v[5]
-        l2 = J[2, 0] * v[3] + J[2, 1] * v[4] + J[2, 2] * v[5]
+        v = k.v[b]
+        p = times(k.J[b], v[3], v[4], v[5])
+        L = times(k.R[b], p[0], p[1], p[2])
         for a in range(3):
-            k.w[b, a] = k.mass[b] * v[a] + h * s.numbers[b, a]
-            k.w[b, 3 + a] = k.R[b, a, 0] * l0 + k.R[b, a, 1] * l1 + k.R[b, a, 2] * l2
+            k.w[b, a], k.w[b, 3 + a] = k.mass[b] * v[a] + h * s.numbers[b, a], L[a]
     _spin(k, s.u)
     run(s.start)
     copy(s.f_bar, s.f_bar0)
@@ -224,19 +199,13 @@ def _to_velocities(s):
     """w := M^-1 R^T w; ``u`` those velocities in space; load := 0."""
     k = s.kernel
     for b in range(len(k.mass)):
-        R, x, y, z = k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5]
-        t0 = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
-        t1 = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
-        t2 = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
-        J = k.J_inv[b]
-        x = J[0, 0] * t0 + J[0, 1] * t1 + J[0, 2] * t2
-        y = J[1, 0] * t0 + J[1, 1] * t1 + J[1, 2] * t2
-        z = J[2, 0] * t0 + J[2, 1] * t1 + J[2, 2] * t2
-        k.w[b, 3], k.w[b, 4], k.w[b, 5] = x, y, z
+        p = times_transposed(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5])
+        Omega = times(k.J_inv[b], p[0], p[1], p[2])
+        omega = times(k.R[b], Omega[0], Omega[1], Omega[2])
         for a in range(3):
             k.w[b, a] /= k.mass[b]
             s.load[b, a] = s.load[b, 3 + a] = 0.0
-            s.u[b, a], s.u[b, 3 + a] = k.w[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
+            k.w[b, 3 + a], s.u[b, a], s.u[b, 3 + a] = Omega[a], k.w[b, a], omega[a]
 
 
 def factor_by_loops(s):
@@ -283,24 +252,21 @@ def _take_velocities(s):
     """v := w + M^-1 R^T load; the square of the change in the norm of M [J]."""
     k, total = s.kernel, 0.0
     for b in range(len(k.mass)):
-        R, J, m = k.R[b], k.J_inv[b], s.load[b]
-        t0 = R[0, 0] * m[3] + R[1, 0] * m[4] + R[2, 0] * m[5]
-        t1 = R[0, 1] * m[3] + R[1, 1] * m[4] + R[2, 1] * m[5]
-        t2 = R[0, 2] * m[3] + R[1, 2] * m[4] + R[2, 2] * m[5]
+        m = s.load[b]
+        t = times_transposed(k.R[b], m[3], m[4], m[5])
+        turn = times(k.J_inv[b], t[0], t[1], t[2])
         for a in range(3):
             x = k.w[b, a] + m[a] / k.mass[b]
             d = x - k.v[b, a]
             total += k.mass[b] * d * d
             k.v[b, a] = x
-        d0 = k.w[b, 3] + J[0, 0] * t0 + J[0, 1] * t1 + J[0, 2] * t2
-        d1 = k.w[b, 4] + J[1, 0] * t0 + J[1, 1] * t1 + J[1, 2] * t2
-        d2 = k.w[b, 5] + J[2, 0] * t0 + J[2, 1] * t1 + J[2, 2] * t2
+        d0, d1, d2 = k.w[b, 3] + turn[0], k.w[b, 4] + turn[1], k.w[b, 5] + turn[2]
         x, y, z = d0 - k.v[b, 3], d1 - k.v[b, 4], d2 - k.v[b, 5]
         k.v[b, 3], k.v[b, 4], k.v[b, 5] = d0, d1, d2
-        J = k.J[b]
-        total += x * (J[0, 0] * x + J[0, 1] * y + J[0, 2] * z)
-        total += y * (J[1, 0] * x + J[1, 1] * y + J[1, 2] * z)
-        total += z * (J[2, 0] * x + J[2, 1] * y + J[2, 2] * z)
+        p = times(k.J[b], x, y, z)
+        total += x * p[0]
+        total += y * p[1]
+        total += z * p[2]
     return total
 
 

@@ -4,32 +4,24 @@ Reactions are means over the steps.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.algebra import close_rotations
+from ..compiled.bundles import make_bundle
 from ..compiled.entries import Bound, run
 from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
 from .choices import TOLD, GaugeChoices, Settings, applies
 from .gc_newton_arrays import integrate_newton, newton_steps
-from .gc_step import NEEDED, Step, accept_step, begin_march, begin_step, make_step, take_step
+from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, take_step
 
 ROUNDING = 1e-14  # of the square of the largest velocity, in any units: what is no acceleration and no load
 PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the simplified method does not solve
-
-
-class Plain(NamedTuple):
-    """A step, and what follows it."""
-
-    step: Step
-    told: Any  # its
-    penalty: Any  # (1,) told
-    begin_next: Any = 0  # entry of the function here
 
 
 def integrate_weak_form(
@@ -45,18 +37,18 @@ def integrate_weak_form(
 def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -> Method:
     """The method, with the full one for stretches in which it does not converge."""
 
-    def prepare(kernel: Kernel, control: np.ndarray) -> Plain:
+    def prepare(kernel: Kernel, control: np.ndarray) -> Any:
         one = make_step(system, kernel, control, choices)
-        told = one.told if choices.penalty.active else one.told[:4]
-        plain = Plain(one, told, np.array([choices.penalty.xi]))
+        told, penalty = one.told if choices.active else one.told[:4], np.array([choices.penalty])
+        plain = make_bundle("Plain", {}, {}, ("begin_next",), step=one, told=told, penalty=penalty)
         return plain._replace(begin_next=Bound(begin_next, plain))
 
     def relieve(problem: Problem, marcher: Marcher) -> Any:
-        return Relieved(problem, marcher, full, bool(choices.penalty.active))
+        return Relieved(problem, marcher, full, bool(choices.active))
 
     return Method(
-        prepare, step, finish, start, counters=full.counters, tells=TOLD if choices.penalty.active else TOLD[:4],
-        needs=(*NEEDED, *(("push",) if choices.penalty.correct_pose else ())), relieve=relieve,
+        prepare, step, finish, start, counters=full.counters, tells=TOLD if choices.active else TOLD[:4],
+        needs=(*NEEDED, *(("push",) if choices.closes_pose else ())), relieve=relieve,
         notes=("code of the mechanism",) if choices.whole else (),
     )  # fmt: skip
 

@@ -1,6 +1,6 @@
 """Entries of ODE-GC's simplified method on a kernel's arrays: ``rows.wrenches``."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -10,23 +10,10 @@ from ..generated import Program
 from ..rows.kept import wrench_code
 
 
-class Arrays(NamedTuple):
-    """Arrays that the loops read and write, beside poses, w and x = rhs of the kernel."""
-
-    plan: np.ndarray  # (3,) dt/2, B and the gauge: nu0 = gauge nu1 + nu_start
-    numbers: np.ndarray  # (nb, 22) m g, m, J^-1, J
-    u: np.ndarray  # (nb, 6) r_dot, omega
-    load: np.ndarray  # (nb, 6)
-    nu_start: np.ndarray  # (nrows,)
-    nu: np.ndarray  # (nrows,)
-    f_bar: np.ndarray  # (nrows,)
-    slip: np.ndarray  # (nrows,) M_bar phi_dot^2
-
-
 class WrenchLoops(Loops):
     """Entries of ``rows.wrenches``; x of ``rates`` and ``loads`` is ``rhs`` of the kernel, w is its ``w``."""
 
-    at: Arrays
+    at: Any  # step of ``gc_step``: plan (3,) is dt/2, B and the gauge, numbers (nb, 22) m g, m, J^-1, J
 
     def entries(self, direction: int, *, use_f_bar: bool) -> dict[str, Any]:
         """All of them."""

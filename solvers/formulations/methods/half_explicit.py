@@ -13,11 +13,12 @@ nearly singular. lam at the ends of steps, which are recorded, are those of inde
 
 import math
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..compiled.algebra import clear, copy, largest, theta_dot
+from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import inner, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
@@ -37,26 +38,12 @@ A = np.array([
     [0.0, 0.0, (16.0 - _S) / 36.0, (16.0 + _S) / 36.0, 1.0 / 9.0],
 ])  # fmt: skip
 COUNTERS = ("iterations", "factorisations")
-SCHEME = np.dtype([("tolerance", "f8")])
-
-
-class Step(NamedTuple):
-    """Room for one step: columns of ``q``, ``moves`` are r (3), theta (3)."""
-
-    control: Any
-    kernel: Kernel
-    scheme: Any  # record: tolerance of the last correction of velocities [m/s, rad/s]
-    a: Any  # (6, 5) coefficients, the end of the step last
-    c: Any  # (6,) places of the stages and the end
-    r0: Any  # (nb, 3)
-    R0: Any  # (nb, 3, 3)
-    v0: Any  # (nb, 6)
-    q: Any  # (nb, 6) from the start of the step
-    moves: Any  # (5, nb, 6) q'
-    gains: Any  # (5, nb, 6) V'
-    left: Any  # (nrows,) of the equations of the multipliers
-    tried: Any  # (depth, nrows) multipliers
-    reached: Any  # (depth, nrows) what they do to what is left of the equations
+ARRAYS = {
+    "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6",
+    "q": "nb 6",  # r (3), theta (3) from the start of the step
+    "moves": f"{STAGES} nb 6", "gains": f"{STAGES} nb 6",  # q', V'
+    "left": "nr",  # of the equations of the multipliers
+}  # fmt: skip
 
 
 def half_explicit_steps(tolerance: float) -> Method:
@@ -64,15 +51,13 @@ def half_explicit_steps(tolerance: float) -> Method:
     return Method(partial(prepare, tolerance=tolerance), step, finish, start, counters=COUNTERS)
 
 
-def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Step:
-    """Arrays of one step."""
-    nb, nr = len(kernel.mass), len(kernel.lam)
+def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Any:
+    """The bundle of a step: multipliers that are tried, and what these do to what is left of the equations."""
+    nr = len(kernel.lam)
     depth = max(1, min(DIRECTIONS, nr, NUMBERS // max(nr, 1)))
-    r0, R0, v0, q = np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6))
-    moves, gains = np.zeros((STAGES, nb, 6)), np.zeros((STAGES, nb, 6))
-    tried, reached = np.zeros((depth, nr)), np.zeros((depth, nr))
-    scheme = np.array((tolerance,), dtype=SCHEME)
-    return Step(control, kernel, scheme, A, A.sum(axis=1), r0, R0, v0, q, moves, gains, np.zeros(nr), tried, reached)
+    tried = {"tried": f"{depth} nr", "reached": f"{depth} nr"}
+    scheme = make_record(tolerance=tolerance)
+    return make_step(kernel, control, arrays=ARRAYS | tried, scheme=scheme, a=A, c=A.sum(axis=1))  # the end is last
 
 
 def start(s):

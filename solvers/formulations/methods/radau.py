@@ -16,19 +16,20 @@ that their stiffness does not limit it. The last stage is the end of the step.
 
 import math
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, largest, theta_dot
+from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import inner, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
-from ..compiled.soft_rows import Stages, stack_kernels, without_springs
+from ..compiled.soft_rows import stack_kernels, without_springs
 from .products import add_scaled, move
-from .springs import Springs, add_pull, correct, make_soft_rows, respond, set_rates, set_stretch, set_tensions
+from .springs import add_pull, correct, make_soft_rows, respond, set_rates, set_stretch, set_tensions
 
 _S = math.sqrt(6.0)
 A = np.array([
@@ -41,29 +42,12 @@ ERROR = np.array([-13.0 - 7.0 * _S, -13.0 + 7.0 * _S, -1.0]) / 3.0
 GAMMA = 1.0 / (3.0 + 3.0 ** (2.0 / 3.0) - 3.0 ** (1.0 / 3.0))  # the real eigenvalue of A
 MOST_ITERATIONS = 25
 NEEDED = ("rows", "factorise", "solve", "forces", "divide", "push", "slips")
-SCHEME = np.dtype([("tolerance", "f8"), ("before", "f8")])
-
-
-class Step(NamedTuple):
-    """Room for one step, which starts where ``kernel`` stands; the first axis is that of the stages."""
-
-    control: Any
-    kernel: Kernel
-    stages: Stages  # kernels without spring-dampers
-    springs: Springs
-    scheme: Any  # record: tolerance of the iteration [m; without unit], length of the last accepted step [s] or 0
-    a: Any  # (3, 3)
-    c: Any  # (3,)
-    inverse: Any  # (3, 3) of a
-    estimate: Any  # (3,) of the error
-    vdot: Any  # (3, nb, 6)
-    lam: Any  # (3, nrows)
-    eta: Any  # (3, nrows)
-    y: Any  # (3, nb, 6) r_i - r_0 and theta_i
-    rate: Any  # (3, nb, 6)
-    off: Any  # (3, nrows) A v + phi_t
-    old_vdot: Any  # (3, nb, 6) of the last accepted step
-    old_lam: Any  # (3, nrows)
+ARRAYS = {  # the first axis is that of the stages
+    "vdot": "3 nb 6", "lam": "3 nr", "eta": "3 nr",
+    "y": "3 nb 6", "rate": "3 nb 6",  # r_i - r_0 and theta_i
+    "off": "3 nr",  # A v + phi_t
+    "old_vdot": "3 nb 6", "old_lam": "3 nr",  # of the last accepted step
+}  # fmt: skip
 
 
 def radau_steps(system: MultibodySystem, rtol: float) -> Method:
@@ -73,15 +57,14 @@ def radau_steps(system: MultibodySystem, rtol: float) -> Method:
     return Method(of_system, step, finish, start, order=4.0, counters=counters)
 
 
-def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
-    """Kernels and arrays of one step."""
-    nb, nr = len(kernel.mass), len(kernel.lam)
+def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Any:
+    """The bundle of a step, with kernels of the stages, which have no spring-dampers; ``before`` is the last step."""
     stages, made = stack_kernels(without_springs(system), 3, NEEDED)
-    springs = make_soft_rows(system, nr, A, made)
-    move, rows = (lambda: np.zeros((3, nb, 6))), (lambda: np.zeros((3, nr)))
-    return Step(
-        control, kernel, stages, springs, np.array((tolerance, 0.0), dtype=SCHEME),
-        A, C, np.linalg.inv(A).copy(), ERROR, move(), rows(), rows(), move(), move(), rows(), move(), rows(),
+    springs = make_soft_rows(system, len(kernel.lam), A, made)
+    scheme, inverse = make_record(tolerance=tolerance, before=0.0), np.linalg.inv(A).copy()
+    return make_step(
+        kernel, control, arrays=ARRAYS, stages=stages, springs=springs, scheme=scheme, a=A, c=C, inverse=inverse,
+        estimate=ERROR,
     )  # fmt: skip
 
 

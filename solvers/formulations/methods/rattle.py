@@ -10,46 +10,25 @@ Symplectic and time-reversible; phi and A v at rounding in every step. Dampers e
 """
 
 from functools import partial
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from ....harness.types import Problem
 from ..compiled.algebra import copy, largest
+from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import inner, run
 from ..compiled.host import Method, tolerance_of
-from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
-from .free_body import Principal, principal, turn_discretely, turn_freely
+from .free_body import principal, turn_discretely, turn_freely
 from .iteration import FAILED, MOST_ITERATIONS, SETTLED, has_settled
 
 DAMPER_PASSES = 6
-SCHEME = np.dtype([("tolerance", "f8"), ("damped", "i8"), ("discrete", "i8")])
-
-
-class Step(NamedTuple):
-    """Scheme and room of one step."""
-
-    control: Any
-    kernel: Kernel
-    scheme: Any  # record: tolerance of phi [m], whether dampers act, whether free bodies turn by discrete equations
-    axes: Principal
-    gamma: Any  # (stages,) sub-steps gamma dt
-    r0: Any  # (nb, 3)
-    R0: Any  # (nb, 3, 3)
-    half: Any  # (nb, 6) M^-1 p without the impulse of the constraints
-    L: Any  # (3,)
-    impulse: Any  # (nrows,) of the first half
-    lam: Any  # (nrows,) reaction at the start of the sub-step
-
-
-def prepare(kernel: Kernel, control: np.ndarray, *, scheme: tuple, axes: Principal, gamma: np.ndarray) -> Step:
-    """Arrays of one step."""
-    nb, nr = len(kernel.mass), len(kernel.lam)
-    return Step(
-        control, kernel, np.array(scheme, dtype=SCHEME), axes, gamma, np.zeros((nb, 3)), np.zeros((nb, 3, 3)),
-        np.zeros((nb, 6)), np.zeros(3), np.zeros(nr), np.zeros(nr),
-    )  # fmt: skip
+ARRAYS = {
+    "r0": "nb 3", "R0": "nb 3 3", "L": "3",
+    "half": "nb 6",  # M^-1 p without the impulse of the constraints
+    "impulse": "nr",  # of the first half
+    "lam": "nr",  # reaction at the start of the sub-step
+}  # fmt: skip
 
 
 def symplectic_steps(
@@ -60,8 +39,9 @@ def symplectic_steps(
     Free bodies turn exactly, or by the discrete equations of Moser and Veselov; ``rate`` [rad/s] of reversible steps.
     """
     system, (tolerance, notes) = problem.system, tolerance_of(tolerance, problem)
-    scheme = (tolerance, int(not system.is_conservative), int(discrete))
-    of_system = partial(prepare, scheme=scheme, axes=principal(system.regular_inertia), gamma=gamma)
+    scheme = make_record(tolerance=tolerance, damped=not system.is_conservative, discrete=discrete)
+    axes = principal(system.regular_inertia)
+    of_system = partial(make_step, arrays=ARRAYS, scheme=scheme, axes=axes, gamma=gamma)
     return Method(of_system, step, finish, start, rate=rate, counters=("iterations", "factorisations"), notes=notes)
 
 

@@ -12,44 +12,23 @@ point: that change is of the order of the error, O(h^(p+1)).
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, NamedTuple
-
-import numpy as np
+from typing import ClassVar
 
 from ....harness.catalogue.options import option
 from ....harness.types import Problem, StepControl
 from ..compiled import mechanism
 from ..compiled.algebra import clear, close_rotations, copy, theta_dot, turned_by
+from ..compiled.bundles import make_step
 from ..compiled.entries import inner, run
 from ..compiled.host import Marched, Method
-from ..compiled.kernel import Kernel, empty_kernel
+from ..compiled.kernel import empty_kernel
 from .tableaux import Tableau
 
-
-class Stages(NamedTuple):
-    """Room for one step: columns of ``y`` are r (3), theta (3), v (6)."""
-
-    control: Any
-    kernel: Kernel
-    c: Any  # tableau: (s,)
-    a: Any  # (s, s)
-    b: Any  # (s,)
-    estimate: Any  # (1 or 2, s + 1): one estimate of the error, or two (E5, E3) that DOP853 combines
-    start: Any  # (nb, 12)
-    R: Any  # (nb, 3, 3) at the start
-    y: Any  # (nb, 12)
-    slopes: Any  # (s + 1, nb, 12)
-    sums: Any  # (2, nb, 12) of slopes: the estimates
-
-
-def prepare(kernel: Kernel, control: np.ndarray, tableau: Any) -> Stages:
-    """Arrays of one step."""
-    nb, n = len(kernel.mass), len(tableau.b)
-    return Stages(
-        control, kernel, tableau.c, tableau.a, tableau.b, tableau.error, np.zeros((nb, 12)), np.zeros((nb, 3, 3)),
-        np.zeros((nb, 12)), np.zeros((n + 1, nb, 12)),
-        np.zeros((2, nb, 12)),
-    )  # fmt: skip
+ARRAYS = {  # columns are r (3), theta (3), v (6)
+    "start": "nb 12", "R": "nb 3 3",  # at the start of the step
+    "y": "nb 12",
+    "sums": "2 nb 12",  # of slopes: one estimate of the error, or two (E5, E3) that DOP853 combines
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -76,9 +55,10 @@ class ExplicitPair(Marched):
 
 def explicit_pair(tableau: Tableau, code: str = "kernel") -> Method:
     """The method of an embedded pair, first same as last."""
+    t, arrays = tableau, ARRAYS | {"slopes": f"{len(tableau.b) + 1} nb 12"}
     return Method(
-        partial(prepare, tableau=tableau), step, finish, start, order=float(tableau.order),
-        counters=("evaluations", "rejected", "factorisations"), code=code,
+        partial(make_step, arrays=arrays, a=t.a, b=t.b, c=t.c, estimate=t.error), step, finish, start,
+        order=float(t.order), counters=("evaluations", "rejected", "factorisations"), code=code,
     )  # fmt: skip
 
 

@@ -14,52 +14,45 @@ is frozen over the step, while forces act along the rows of each iterate. Left o
 tension (tension / length across it).
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, largest
+from ..compiled.bundles import make_bundle
 from ..compiled.entries import inner, run
-from ..compiled.soft_rows import Stages, make_springs
+from ..compiled.soft_rows import make_springs
 from ..generated import Program
 from ..generated.steps import call_lapack, integer
 from .products import add_scaled
 
-
-class Springs(NamedTuple):
-    """The springs of a system, and room for their part of an iteration."""
-
-    stages: Stages  # kernels whose joints are the springs
-    law: Any  # (3, ns) stiffness, free length, damping
-    a: Any  # (3, 3)
-    square: Any  # (3, 3) a a
-    p: Any  # (3, ns)
-    old: Any  # (3, ns) of the last accepted step
-    tension: Any  # (3, ns) of the law
-    stretch: Any  # (3, ns) A_s d
-    W: Any  # (ns, nrows) change of lam by each p
-    G: Any  # (ns, ns) [1/kg]
-    matrix: Any  # (3 ns, 3 ns), by ``factorise`` its factors
-    change: Any  # (ns,) of p
-    right: Any  # (3 ns,) right-hand side, by ``solve`` the solution
-    factorise: Program
-    solve: Program
+ARRAYS = {
+    "p": "3 ns", "old": "3 ns",  # of the last accepted step
+    "tension": "3 ns",  # of the law
+    "stretch": "3 ns",  # A_s d
+    "W": "ns nr",  # change of lam by each p
+    "G": "ns ns",  # [1/kg]
+    "change": "ns",  # of p
+}  # fmt: skip
 
 
-def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: Any) -> Springs:
-    """Rows of the springs of ``system`` for three stages with the tableau ``a``; keeps alive ``keeps``, too."""
+def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: Any) -> Any:
+    """Rows of the springs of ``system`` for three stages with the tableau ``a``; keeps alive ``keeps``, too.
+
+    ``matrix`` are by ``factorise`` its factors, ``right`` is by ``solve`` the solution.
+    """
     stages, made, law = make_springs(system, 3)
     ns = law.shape[1]
-    p, old, tension, stretch = (np.zeros((3, ns)) for _ in range(4))
     matrix, right = np.zeros((3 * ns, 3 * ns)), np.zeros(3 * ns)
     n, one, info, pivots = integer(3 * ns), integer(1), integer(0), np.zeros(3 * ns, "i4")
     factorise = Program([call_lapack("dgetrf", n, n, matrix, n, pivots, info)] if ns else [])
     transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
     solve = [call_lapack("dgetrs", transposed, n, one, matrix, n, pivots, right, n, info)] if ns else []
-    W, G = np.zeros((ns, nrows)), np.zeros((ns, ns))
-    entries = factorise, Program(solve, (keeps, made))
-    return Springs(stages, law, a, a @ a, p, old, tension, stretch, W, G, matrix, np.zeros(ns), right, *entries)
+    return make_bundle(
+        "Springs", ARRAYS, {"ns": ns, "nr": nrows}, stages=stages, law=law, a=a, square=a @ a, matrix=matrix,
+        right=right, factorise=factorise, solve=Program(solve, (keeps, made)),
+    )  # fmt: skip
 
 
 @inner

@@ -13,14 +13,13 @@ Of M_bar and C_bar, K_bar slopes are left out, of f_bar what comes by the forces
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import casadi as ca
 
 from ..generated import Loop
-from .expressions import RowExpressions, by_rows, matrix, pose_rate, row_expressions, slopes
+from .expressions import by_rows, matrix, pose_rate, row_expressions, slopes
+from .wrenches import TRANSLATION, by_ends, measures
 
-ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
 BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  # inertia: m, J, J^-1
 
 
@@ -38,7 +37,8 @@ def newton_loops(
     nu, p, z, start, G0, stiff, on_rate, on_phi = (
         ca.SX.sym(name, n) for name in ("nu", "p", "z", "start", "G0", "stiff", "on_rate", "on_phi")
     )
-    m_bar, f_bar, c = _measures(e, moving, direction)
+    bodies = [(b[4][0], matrix(b[4][1:10]), matrix(b[4][10:19]), b[3]) for b in moving]
+    m_bar, f_bar, c = measures(e.A, bodies, direction)
     D = e.A.T  # torques in the body
     along = ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V), 1)
     D_dot = ca.jtimes(D, *along)
@@ -88,7 +88,7 @@ def newton_loops(
         ),
         "begin": Loop(
             whole=[e.t, plan], rows=[e.numbers, start, G0], blocks=poses,
-            stored=[values] if symmetric else [], added_blocks=_ends(Z0 @ start + first, ends),
+            stored=[values] if symmetric else [], added_blocks=by_ends(Z0 @ start + first),
         ),
     }  # fmt: skip
     given = [e.numbers]
@@ -97,7 +97,7 @@ def newton_loops(
         turned_back = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), matrix(b[1]).T) for b in moving])
         pushed = pushed + turned_back @ (Z0_kept @ (gauge * nu))
         column = column + gauge * (turned_back @ Z0_kept)
-    loops["balance"] = Loop(whole=[e.t, plan], rows=[*given, nu, p, z], blocks=poses, added_blocks=_ends(pushed, ends))
+    loops["balance"] = Loop(whole=[e.t, plan], rows=[*given, nu, p, z], blocks=poses, added_blocks=by_ends(pushed))
     blocks = [(a, b) for a in range(ends) for b in range(ends) if couple or a == b]
     loops["slopes"] = Loop(
         whole=[e.t, plan], rows=[*given, nu, p, z, stiff, on_rate, on_phi],
@@ -109,29 +109,6 @@ def newton_loops(
         added_blocks=[by_rows(K[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]) for a, b in blocks],
     )  # fmt: skip
     return loops
-
-
-def _measures(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """M_bar = c . M c and f_bar = c . f of each row, and c on each end (n, 6)."""
-    A, n = e.A, e.A.shape[0]
-    if direction == TRANSLATION:
-        i = bodies[0]
-        c = [ca.horzcat(A[:, :3], ca.SX(n, 3)), ca.SX(n, 6)][: len(bodies)]
-        return ca.SX.ones(n) * i[4][0], A[:, :3] @ i[3][:3], c
-    size: Any = 0
-    inertia: Any = 0
-    force: Any = 0
-    c = []
-    for end, body in enumerate(bodies):
-        way, X = A[:, 6 * end : 6 * end + 3], A[:, 6 * end + 3 : 6 * end + 6]
-        mass, J, J_inv = body[4][0], matrix(body[4][1:10]), matrix(body[4][10:19])
-        z, y = (way, X) if direction == ALONG_A else (way / mass, X @ J_inv)
-        size += ca.sum2(way * z) + ca.sum2(X * y)
-        inertia += mass * ca.sum2(z * z) + ca.sum2((y @ J) * y)
-        force += z @ body[3][:3] + y @ body[3][3:]
-        c.append(ca.horzcat(z, y))
-    m_bar = inertia / (size * size) if direction == ALONG_A else 1 / size
-    return m_bar, force / size, [x / ca.repmat(size, 1, 6) for x in c]
 
 
 def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX]], half: ca.SX) -> ca.SX:
@@ -154,7 +131,3 @@ def _varying(Z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         if not Z[c].is_constant():
             inside[c] = kept[c]
     return kept, ca.vec(Z), inside
-
-
-def _ends(w: ca.SX, ends: int) -> list[ca.SX]:
-    return [ca.densify(w[6 * b : 6 * b + 6]) for b in range(ends)]

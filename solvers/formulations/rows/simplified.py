@@ -10,7 +10,7 @@ import numpy as np
 from ..generated import Straight
 from .expressions import matrix, pose_rate, row_expressions
 from .mechanism import Mechanism, Part, RankedFactor, State, _column, _ends, _joint_numbers, _rate, _snap
-from .wrenches import distinct_entries, measures
+from .wrenches import distinct_entries, measures_in_space
 
 IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm is taken
 
@@ -126,7 +126,7 @@ def _wrenches(kind: str, of: tuple[int, ...], both: bool, direction: int) -> ca.
     e, x, B = row_expressions(kind, of, space=True), ca.SX.sym("x", len(of)), ca.SX.sym("B")
     numbers, ends = [ca.SX.sym(f"numbers_{end}", 22) for end in "ij"], 2 if both else 1
     rate = ca.jtimes(e.A.T @ x, ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V, space=True), 1))
-    m_bar, f_bar = measures(e, [[a, a, a, a] for a in numbers[:ends]], direction)
+    m_bar, f_bar = measures_in_space(e, [[a, a, a, a] for a in numbers[:ends]], direction)
     D = e.A.T[: 6 * ends, :]
     Z = D + B * ca.jacobian(rate, x)[: 6 * ends, :]
     given = [e.x, e.V, e.t, e.numbers, *numbers, B]

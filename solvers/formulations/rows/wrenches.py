@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ..generated import Loop, Straight
-from .expressions import RowExpressions, pose_rate, row_expressions
+from .expressions import RowExpressions, matrix, pose_rate, row_expressions
 
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
 BODY = (("r", 3), ("R", 9), ("u", 6), ("numbers", 22))  # numbers: m g, m, J^-1, J
@@ -36,7 +36,7 @@ def wrench_loops(
     ends = [bodies[0][:3], still if ground else bodies[1][:3]]
     moved = ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V, space=True), 1)
     rate = ca.jtimes(e.A.T @ x, *moved)
-    m_bar, f_bar = measures(e, bodies[:n], direction)
+    m_bar, f_bar = measures_in_space(e, bodies[:n], direction)
     f_bar = f_bar if use_f_bar else ca.SX.zeros(len(rows))
     slip = m_bar * e.phi_dot**2
     Z = e.A.T + plan[1] * ca.jacobian(rate, x)
@@ -57,19 +57,20 @@ def wrench_loops(
     return {
         "begin": Loop(
             whole=[e.t, plan], rows=[e.numbers], blocks=[part for b in bodies[:n] for part in b],
-            stored=[entries0[1], ca.densify(slip), *last], added_blocks=_by_ends(first[: 6 * n]),
+            stored=[entries0[1], ca.densify(slip), *last], added_blocks=by_ends(first[: 6 * n]),
         ),
         "impulses": Loop(
             whole=[e.t, plan], rows=[e.numbers, given[0], x, nu_start], blocks=blocks,
-            stored=[entries[1], *last], added_blocks=_by_ends(w),
+            stored=[entries[1], *last], added_blocks=by_ends(w),
         ),
         "rates": Loop(rows=[given[1]], blocks=[ends[b][2] for b in range(n)], stored=[ca.densify(-D_kept.T @ u)]),
-        "loads": Loop(rows=[given[1], x], added_blocks=_by_ends(D_kept @ x)),
+        "loads": Loop(rows=[given[1], x], added_blocks=by_ends(D_kept @ x)),
         "sizes": Straight([], [ca.DM([entries0[0].numel(), entries[0].numel()])]),
     }  # fmt: skip
 
 
-def _by_ends(w: ca.SX) -> list[ca.SX]:
+def by_ends(w: ca.SX) -> list[ca.SX]:
+    """Six entries of each end."""
     return [ca.densify(w[at : at + 6]) for at in range(0, w.numel(), 6)]
 
 
@@ -115,18 +116,33 @@ def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
     return values, filled
 
 
-def measures(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
-    """c . M c and c . (m g, 0) of each row."""
-    A = e.A
+def measures_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
+    """M_bar and f_bar of rows in space under gravity, with the ``BODY`` of each end."""
+    turn = [ca.diagcat(ca.SX.eye(3), matrix(e.x[12 * end + 3 : 12 * end + 12])) for end in range(2)]
+    ends = [(x[3], matrix(x[13:22]), matrix(x[4:13]), ca.vertcat(x[:3], ca.SX(3, 1))) for *_, x in bodies]
+    return measures(e.A @ ca.diagcat(*turn), ends, direction)[:2]
+
+
+def measures(
+    A: ca.SX, ends: Sequence[tuple[ca.SX, ca.SX, ca.SX, ca.SX]], direction: int
+) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """M_bar = c . M c and f_bar = c . f of each row in the body (n, 12), and c on each end (n, 6).
+
+    Of each end mass, J, J^-1 and force [space] with torque [body].
+    """
+    n, c = A.shape[0], list[ca.SX]()
     if direction == TRANSLATION:
-        return ca.SX.ones(A.shape[0]) * bodies[0][3][3], A[:, :3] @ bodies[0][3][:3]
-    size, inertia, force = 0, 0, 0
-    for end, body in enumerate(bodies):
-        R, weight, mass = ca.reshape(e.x[12 * end + 3 : 12 * end + 12], 3, 3).T, body[3][:3], body[3][3]
-        J_inv, J = (ca.reshape(body[3][at : at + 9], 3, 3).T for at in (4, 13))
-        way, torque = A[:, 6 * end : 6 * end + 3], A[:, 6 * end + 3 : 6 * end + 6] @ R
-        z, y = (way, torque) if direction == ALONG_A else (way / mass, torque @ J_inv)
-        size += ca.sum2(way * z) + ca.sum2(torque * y)
+        mass, _, _, f = ends[0]
+        return ca.SX.ones(n) * mass, A[:, :3] @ f[:3], [ca.horzcat(A[:, :3], ca.SX(n, 3)), ca.SX(n, 6)][: len(ends)]
+    size: Any = 0
+    inertia: Any = 0
+    force: Any = 0
+    for end, (mass, J, J_inv, f) in enumerate(ends):
+        way, X = A[:, 6 * end : 6 * end + 3], A[:, 6 * end + 3 : 6 * end + 6]
+        z, y = (way, X) if direction == ALONG_A else (way / mass, X @ J_inv)
+        size += ca.sum2(way * z) + ca.sum2(X * y)
         inertia += mass * ca.sum2(z * z) + ca.sum2((y @ J) * y)
-        force += z @ weight
-    return inertia / (size * size) if direction == ALONG_A else 1 / size, force / size
+        force += z @ f[:3] + y @ f[3:]
+        c.append(ca.horzcat(z, y))
+    m_bar = inertia / (size * size) if direction == ALONG_A else 1 / size
+    return m_bar, force / size, [x / ca.repmat(size, 1, 6) for x in c]

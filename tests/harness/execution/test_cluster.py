@@ -67,8 +67,8 @@ def test_a_killed_worker_costs_nothing(cluster, tmp_path):
     suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
 
     class Killer(Silent):
-        def ended(self, job, record):
-            super().ended(job, record)
+        def on_end(self, job, record):
+            super().on_end(job, record)
             if len(self.ran) == 4:
                 workers[0].send_signal(signal.SIGKILL)
 

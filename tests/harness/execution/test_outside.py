@@ -86,14 +86,14 @@ def test_results_that_vanish_are_counted(tmp_path):
 
 def test_a_record_that_changes_behind_the_runner_is_noticed(tmp_path, monkeypatch):
     """Not as it was written: whatever it says now, it is no result."""
-    told = Silent.ended
+    told = Silent.on_end
 
     def changing(self, job, record):
         path = store.path_of(job.folder, job.id).path
         path.write_bytes(path.read_bytes().replace(b"success", b"crashed"))
         told(self, job, record)
 
-    monkeypatch.setattr(Silent, "ended", changing)
+    monkeypatch.setattr(Silent, "on_end", changing)
     with pytest.raises(PoolError, match="not as they were written"):
         run_in(tmp_path / "run", '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', 1)
 

@@ -41,7 +41,7 @@ dt = [0.1, 0.2]
 class Over(LocalPool):
     """A pool whose time is up once two runs run and one of them has kept steps: no matter how busy the machine is."""
 
-    def _over(self) -> bool:
+    def _is_over(self) -> bool:
         if self._stopped:
             return True
         kept = [job.spool for job in self._flying.values() if job.spool.is_there() and job.spool.size() > 0]
@@ -77,7 +77,7 @@ def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
 class OverAtOnce(LocalPool):
     """Its time is up as soon as a run runs."""
 
-    def _over(self) -> bool:
+    def _is_over(self) -> bool:
         return self._stopped or bool(self._flying)
 
 
@@ -130,7 +130,7 @@ def test_the_limit_holds_by_cpu_time(tmp_path, begun_here):
     """Deaf solvers included; from the first run on, for what is compiled before has limits of its own."""
     text = TEXT.replace("600", "3").replace('["sleeps", "raises"]', '"spins"')
     watcher, begun = Silent(), []
-    watcher.started = lambda job: begun.append(time.monotonic())
+    watcher.on_start = lambda job: begun.append(time.monotonic())
     loaded = run_suite(Request(parse_suite(text, "t", "t", plugins=(str(PLUGIN),)), tmp_path / "run", 2), watcher)
     assert time.monotonic() - begun[0] > 2.0  # at least the time of two processors
     assert sum(r.cpu_process_s for r in loaded.records) < 2 * 3.0 + GRACE

@@ -27,11 +27,11 @@ class Listening(Silent):
         super().__init__()
         self.news: list[str] = []
 
-    def warmed(self, times, references):
+    def on_warmup(self, times, references):
         assert all(seconds > 0.0 for seconds in (*times.values(), *references.values()))
         self.news += [*times, *references]
 
-    def started(self, job):
+    def on_start(self, job):
         self.news.append("run")
 
 
@@ -48,9 +48,9 @@ def test_a_line_for_what_took_its_time(tmp_path):
     """What was in the cache is not mentioned."""
     console = Console(record=True, width=100)
     watch = Watch(console, None)
-    watch.warmed({}, {"chain": 58.0, "heavy_top": 0.1})
-    watch.warmed({"rattle": 40.4}, {})
-    watch.warmed({"gc_weak_form": 0.2}, {})
+    watch.on_warmup({}, {"chain": 58.0, "heavy_top": 0.1})
+    watch.on_warmup({"rattle": 40.4}, {})
+    watch.on_warmup({"gc_weak_form": 0.2}, {})
     lines = console.export_text().splitlines()
     assert [re.sub(r",.*:", ":", line) for line in lines] == [
         "reference computed in 58 s: chain", "compiled in 40 s: rattle",

@@ -60,7 +60,7 @@ FAULTS = (
         ONE,
     ),
     Fault(ENDS, "x_i = r[:, i] + turn_vectors(s, i, system.joint_s_i[joints])", "x_i = r[:, i]", ONE),
-    Fault(ENDS, "v[:, i] + turning(s, i, system", "v[:, i] - turning(s, i, system", ONE),
+    Fault(ENDS, "v[:, i] + turn_rates(s, i, system", "v[:, i] - turn_rates(s, i, system", ONE),
     Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", of(PENDULUM, "gc_weak_form dt")),
     Fault(
         "harness/catalogue/registry.py",

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.judged.cost import plots_of, work_at
 from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, certificates
 from mbsbench.reports.pages.judged.scorecard import card
 from mbsbench.reports.pages.judged.work_points import fields, profiles
 from mbsbench.reports.pages.judgement import links_of
-from mbsbench.reports.plots.work import Profile, profile_plot, steps_of
+from mbsbench.reports.plots.work import profile_plot, steps_of
 
 from ..conftest import every_kind, put, record, series
 from . import synthetic
@@ -65,13 +66,13 @@ def test_box_of_the_scorecard_shows_its_worst_outcome():
 
 
 def test_profile_rises_by_one_target_at_its_work():
-    p = Profile("alpha", "evaluations", 4, (10.0, 100.0, 1000.0))
+    p = WorkProfile("alpha", "evaluations", 4, (10.0, 100.0, 1000.0))
     x, y = steps_of(p)
     assert np.array_equal(x, [10, 10, 100, 100, 1000, 1000])
     assert y == pytest.approx([0.0, 0.25, 0.25, 0.5, 0.5, 0.75])
     assert work_at(p, 0.5) == 100.0
     assert math.isnan(work_at(p, 1.0))
-    plot = profile_plot(profiles(synthetic.work(["aa01"]).profile), "evaluations")
+    plot = profile_plot(profiles(synthetic.work(["aa01"]).profile), (), "evaluations")
     assert len(plot.traces) == 3 and plot.x.log
 
 

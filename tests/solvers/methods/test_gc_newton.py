@@ -1,6 +1,7 @@
 """ODE-GC's full Newton step against other routes: mechanics in NumPy, central differences, dense linear algebra."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from mbsbench.problems.random_mechanism import arbitrary_body
 from mbsbench.solvers.formulations.compiled.entries import Program
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.compiled.marching import new_control
-from mbsbench.solvers.formulations.methods.gc_newton import Step
+from mbsbench.solvers.formulations.methods.choices import Settings
 from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_step
 
 from ..arbitrary_joints import LOADS, MOVING, SPRING, all_joints, moving_row
@@ -39,19 +40,16 @@ SYSTEMS = {
     "all moving rows": all_moving(),
 }  # fmt: skip
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
-USUAL = {
-    "gauge": -1.0, "b_term": 1.0, "tolerance": 1e-8, "use_f_bar": 1, "max_newton": 20, "penalty": 1.0,
-}  # fmt: skip
 alive = []
 
 
-def arbitrary_step(system: MultibodySystem, direction: int = 0, **choices: float) -> Step:
+def arbitrary_step(system: MultibodySystem, direction: int = 0, **choices: float) -> Any:
     """A step from an arbitrary state, with an arbitrary estimate of its end."""
     random = np.random.default_rng(3)
     k = make_kernel(system, NEEDED)
     alive.append(k)
     control = new_control(h=DT, dt=DT, t_end=1.0)
-    s = make_step(k, control, system=system, direction=direction, couple=True, choices=USUAL | choices)
+    s = make_step(k, control, system=system, settings=Settings(direction=direction, **choices))
     start_at(k, arbitrary(system, 5))
     s.scheme["h"] = DT
     Program.run(s.complete)
@@ -66,12 +64,12 @@ def arbitrary_step(system: MultibodySystem, direction: int = 0, **choices: float
     return s
 
 
-def unknown(s: Step) -> np.ndarray:
+def unknown(s: Any) -> np.ndarray:
     """x = (v1, nu1), Eq. (77)."""
     return np.concatenate((s.kernel.v.ravel(), s.terms.nu))
 
 
-def residual(s: Step, x: np.ndarray) -> np.ndarray:
+def residual(s: Any, x: np.ndarray) -> np.ndarray:
     """(74), rotational rows turned back to space so that the turning itself is not differentiated, and (75)."""
     nv = s.kernel.v.size
     s.kernel.v[:] = x[:nv].reshape(s.kernel.v.shape)
@@ -82,7 +80,7 @@ def residual(s: Step, x: np.ndarray) -> np.ndarray:
     return np.concatenate((R_v.ravel(), s.terms.off))
 
 
-def slopes(s: Step, of: Callable[[Step, np.ndarray], np.ndarray] = residual) -> np.ndarray:
+def slopes(s: Any, of: Callable[[Any, np.ndarray], np.ndarray] = residual) -> np.ndarray:
     """Central differences of the residual, rotational rows in the body frame; leaves the residual of the step."""
     x, h = unknown(s), 1e-6
     out = np.stack([(of(s, x + d) - of(s, x - d)) / (2 * h) for d in h * np.eye(len(x))], axis=1)
@@ -92,14 +90,14 @@ def slopes(s: Step, of: Callable[[Step, np.ndarray], np.ndarray] = residual) -> 
     return out
 
 
-def places(s: Step) -> np.ndarray:
+def places(s: Any) -> np.ndarray:
     """Where the unknowns, bodies first, stand in elimination order."""
     nodes = [np.arange(a, a + 6) for a in s.lu.body_at]
     nodes += [np.arange(a, a + n) for a, n in zip(s.lu.joint_at, np.diff(s.kernel.row), strict=True)]
     return np.concatenate(nodes)
 
 
-def dense(s: Step) -> np.ndarray:
+def dense(s: Any) -> np.ndarray:
     """The block matrix, bodies first."""
     Program.run(s.assemble)
     lu = s.lu
@@ -164,9 +162,9 @@ def test_lambda_bar_is_lam_minus_xi_phi():
     forces = []
     for on in (0, 1):
         s = arbitrary_step(
-            SYSTEMS["springs"], gauge=0.0, corrective=1, by_forces=1, k_bar=30.0, active=1, nested=1, penalty=1e3,
-            lambda_bar=on,
-        )  # fmt: skip
+            SYSTEMS["springs"], gauge=0.0, corrective=1, by_forces=1, k_bar=30.0, active=1, penalty=1e3, lambda_bar=on
+        )
+        s.scheme["nested"] = 1
         Program.run(s.evaluate)
         forces.append(s.terms.G1.copy())
     added = -1e3 * s.terms.k_bar1 * s.terms.phi1

@@ -1,7 +1,5 @@
 """A pinion rolls down a rack, and a rack hangs on a pinion: closed forms, over many turns."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
@@ -9,8 +7,8 @@ from mbsbench import Joint, JointKind, Problem, RigidBody, State, StepControl, a
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.types import Status, Trajectory
-from mbsbench.solvers.formulations.compiled.host import Method, integrate
-from mbsbench.solvers.formulations.methods import rkmk
+from mbsbench.solvers.formulations.compiled.host import integrate
+from mbsbench.solvers.formulations.methods.rkmk import explicit_pair
 from mbsbench.solvers.formulations.methods.tableaux import DOPRI853
 
 X, Y, Z, O = (*np.eye(3), np.zeros(3))
@@ -44,8 +42,7 @@ def hanging() -> tuple[MultibodySystem, float, float]:
 
 
 def by_steps(of: Problem) -> Trajectory:
-    prepare = partial(rkmk.prepare, tableau=DOPRI853)
-    return integrate(of, StepControl(rtol=1e-10), Method(prepare, rkmk.step, rkmk.finish, rkmk.start, order=8.0))
+    return integrate(of, StepControl(rtol=1e-10), explicit_pair(DOPRI853))
 
 
 def by_symbols(of: Problem) -> Trajectory:

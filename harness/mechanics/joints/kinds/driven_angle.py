@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...declaring import Count, JointDeclaration
-from ..frames import ahead
+from ..frames import frame_ahead
 
 
 def phi(i, j, p):  # type: ignore[no-untyped-def]
@@ -14,5 +14,6 @@ def phi(i, j, p):  # type: ignore[no-untyped-def]
 KIND = JointDeclaration(
     "driven angle", 10, Count(moving=1), leaves="all but the angle of across_i from across_j, about the axis",
     equation="sin(theta - f(t)) = 0", axes="ij", across=True, motion="rad",
-    given="the axis in both bodies, `across_i`, `across_j`, `motion` f [rad]", frame=ahead, phi=phi, turning=(True,),
+    given="the axis in both bodies, `across_i`, `across_j`, `motion` f [rad]", frame=frame_ahead, phi=phi,
+    turning=(True,),
 )  # fmt: skip

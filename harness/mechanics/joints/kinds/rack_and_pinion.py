@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...declaring import Count, JointDeclaration, gap
-from ..frames import ahead
+from ..frames import frame_ahead
 
 
 def phi(i, j, p):  # type: ignore[no-untyped-def]
@@ -18,5 +18,5 @@ def phi(i, j, p):  # type: ignore[no-untyped-def]
 KIND = JointDeclaration(
     "rack and pinion", 15, Count(moving=1), leaves="all but turning the pinion i without the rack j: its teeth hold",
     equation="r theta - x = 0, x = across_j . d", axes="ij", across=True, length="radius of the pinion",
-    frame=ahead, phi=phi,
+    frame=frame_ahead, phi=phi,
 )  # fmt: skip
