@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -50,28 +50,40 @@ def make_oracle(seed: int, number: int, floor: float = FLOOR) -> Oracle:
 def run_campaign(
     seed: int, pairs: Sequence[Pair], jobs: int, floor: float = FLOOR, options: Mapping[str, str] | None = None
 ) -> Iterator[Outcome]:
-    """The outcomes as chunks of ``pairs`` are done."""
+    """The outcomes, each as soon as it is there."""
     _warm(seed, {solver for _, solver in pairs})
     waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]
-    active: list[tuple[list[Pair], Apart]] = []
+    active: list[_Chunk] = []
     try:
         while waiting or active:
             while waiting and len(active) < jobs:
                 chunk = waiting.pop()
-                active.append((chunk, _begin(seed, chunk, floor, options or {})))
+                active.append(_Chunk(chunk, _begin(seed, chunk, floor, options or {})))
             time.sleep(TICK)
             for one in list(active):
-                chunk, process = one
-                if (ended := process.look()) is None:
+                ended = one.process.look()
+                sent = (ended.sent if ended else one.process.hear()).split("\n")[one.done : -1]
+                one.done += len(sent)
+                yield from (msgspec.json.decode(line, type=Outcome) for line in sent)
+                if ended is None:
                     continue
                 active.remove(one)
-                outcomes, left = _read(chunk, ended)
-                yield from outcomes
-                waiting += [left] if left else []
+                if left := one.pairs[one.done :]:  # a code ended the process
+                    yield _crash(left[0], ended)
+                    waiting += [left[1:]] if left[1:] else []
     finally:
-        for _, process in active:
-            process.kill()
-            process.wait()
+        for one in active:
+            one.process.kill()
+            one.process.wait()
+
+
+@dataclass
+class _Chunk:
+    """Pairs and the process at work on them; how many are ``done``."""
+
+    pairs: list[Pair]
+    process: Apart
+    done: int = 0
 
 
 def _begin(seed: int, chunk: Sequence[Pair], floor: float, options: Mapping[str, str]) -> Apart:
@@ -86,15 +98,9 @@ def _begin(seed: int, chunk: Sequence[Pair], floor: float, options: Mapping[str,
     return Apart(target, limit=60.0 + CPU * len(chunk), memory=MEMORY)
 
 
-def _read(chunk: Sequence[Pair], ended: Ended) -> tuple[list[Outcome], list[Pair]]:
-    """The outcomes sent; where a code ended the process, its crash and the pairs that are left."""
-    lines = [line for line in ended.sent.splitlines() if line]
-    outcomes = [msgspec.json.decode(line, type=Outcome) for line in lines]
-    if len(outcomes) == len(chunk):
-        return outcomes, []
-    number, solver = chunk[len(outcomes)]
+def _crash(pair: Pair, ended: Ended) -> Outcome:
     words = f"over its limit of {ended.over} time" if ended.over else ended.words
-    return [*outcomes, Outcome(solver, Kind.CRASHED, words=words, number=number)], list(chunk[len(outcomes) + 1 :])
+    return Outcome(pair[1], Kind.CRASHED, words=words, number=pair[0])
 
 
 def _warm(seed: int, solvers: Iterable[str]) -> None:

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Float
+
 from ...harness.catalogue.options import option
 from ...harness.types import Problem, StepControl
 from .charts import CHARTS
@@ -10,7 +13,7 @@ from .dae import ImplicitForm
 from .differences import DifferencedForm
 from .layout import Layout
 from .recording import Clocked
-from .start import redundancy_refusal
+from .start import consistent, coordinates_and_velocities, redundancy_refusal, start_unloaded
 from .traced import without_expression
 
 
@@ -64,3 +67,10 @@ class BaumgarteOptions(ImplicitOptions):
     beta: float = option(5.0, "Baumgarte: beta^2 phi", "1/s", at_least=0.0)
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
     consistent_start: bool = option(True, "start from consistent accelerations and multipliers, else from lambda = 0")
+
+    def start(self, layout: Layout, problem: Problem) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """(y, y') at the problem's initial state; later ones than its first are always consistent."""
+        y, t = coordinates_and_velocities(layout, problem), problem.initial.t
+        if self.consistent_start or t > 0.0:
+            return consistent(layout, y, self.alpha, self.beta, t)
+        return start_unloaded(layout, y)
