@@ -6,11 +6,10 @@ from pathlib import Path
 
 from ..harness.catalogue import registry
 from ..harness.execution.runner import new_folder
-from ..harness.fuzz.campaign import run_campaign
+from ..harness.fuzz.campaign import Settings, run_campaign
 from ..harness.fuzz.cases import NONE, read_case, write_cases, write_page
 from ..harness.fuzz.log import (
     COLUMNS,
-    Settings,
     Trial,
     append_trial,
     ask_second_route,
@@ -19,6 +18,7 @@ from ..harness.fuzz.log import (
     write_summary,
 )  # fmt: skip
 from ..harness.fuzz.oracle import FINDINGS, SHOWN, Kind, Outcome, Verdict
+from ..harness.fuzz.presenting import Form
 from ..harness.fuzz.report import choose, describe
 from .arguments import UsageError, count_jobs, load_plugins, parse_assignments
 from .terminal import Column, console, error_console, plural, print_json, print_table
@@ -35,13 +35,14 @@ def run(arguments: argparse.Namespace) -> int:
     names = list(dict.fromkeys(arguments.solvers))
     for name in names:
         registry.make_solver(name, options)  # says no to what it does not take
-    settings, codes = Settings(arguments.seed, arguments.floor, options), {name: code_of(name) for name in names}
+    form = Form.of(parse_assignments(arguments.form, "--form")) if arguments.form else None
+    settings, codes = Settings(arguments.seed, arguments.floor, options, form), {name: code_of(name) for name in names}
     folder = Path(arguments.out) if arguments.out else new_folder("fuzz")
     done = {trial.key for trial in read_trials(folder)}
     numbers = range(arguments.first, arguments.first + arguments.mechanisms)
     pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
     left = [(n, s) for n, s in pairs if Trial(settings, codes[s], Outcome(s, Kind.SOUND, number=n)).key not in done]
-    for outcome in run_campaign(arguments.seed, left, count_jobs(arguments.jobs), arguments.floor, options):
+    for outcome in run_campaign(settings, left, count_jobs(arguments.jobs)):
         append_trial(folder, Trial(settings, codes[outcome.solver], outcome))
         if outcome.kind in SHOWN and not arguments.json:
             error_console().print(describe(outcome))

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -11,20 +11,11 @@ from ..catalogue import registry
 from ..files import FileError, read_text, write_text
 from ..results.codes import package_sources
 from ..sandbox.apart import Apart
-from .campaign import MEMORY, make_oracle
-from .oracle import FINDINGS, FLOOR, Kind, Outcome, Verdict
+from .campaign import MEMORY, Settings
+from .oracle import FINDINGS, Kind, Outcome, Verdict
 
 NAME, SUMMARY = "trials.jsonl", "summary.json"
 CPU = 180.0  # [s] for the second route: a reference of an unlucky mechanism takes a minute
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the trials of a campaign have in common."""
-
-    seed: int
-    floor: float = FLOOR
-    options: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -81,7 +72,7 @@ def ask_second_route(trial: Trial) -> Trial:
 
     def target(send: Callable[[str], None]) -> None:
         found, settings = trial.outcome, trial.settings
-        oracle = make_oracle(settings.seed, found.number, settings.floor)
+        oracle = settings.oracle(found.number)
         send(json.dumps(oracle.decide(found.solver, registry.make_solver(found.solver, settings.options))))
 
     sent = Apart(target, limit=CPU, memory=MEMORY).wait().sent

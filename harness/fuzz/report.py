@@ -8,7 +8,7 @@ import msgspec
 
 from ..catalogue import registry
 from ..sandbox.apart import Apart
-from .campaign import MEMORY, make_oracle
+from .campaign import MEMORY, Settings
 from .cases import Case
 from .log import Trial
 from .oracle import Outcome, Verdict
@@ -23,17 +23,17 @@ def choose(trials: Iterable[Trial], most: int) -> list[Case]:
     counted, cases = Counter[str](), []
     confirmed = (t for t in trials if t.verdict is Verdict.CONFIRMED)
     for trial in sorted(confirmed, key=lambda t: (t.outcome.solver, -t.outcome.strength, t.outcome.number)):
-        found, settings = trial.outcome, trial.settings
+        found = trial.outcome
         sort = f"{found.solver} {found.kind} {_changes(found.form)}"
         counted[sort] += 1
         if counted[sort] <= most:
-            cases.append(make_case(settings.seed, found, settings.floor, settings.options))
+            cases.append(make_case(trial.settings, found))
     return cases
 
 
-def make_case(seed: int, found: Outcome, floor: float, options: dict[str, str]) -> Case:
+def make_case(settings: Settings, found: Outcome) -> Case:
     """``found`` shrunk and confirmed, in a process of its own; as it was where that one ends early."""
-    first = make_oracle(seed, found.number, floor)
+    first, options, floor = settings.oracle(found.number), settings.options, settings.floor
 
     def target(send: Callable[[str], None]) -> None:
         solver = registry.make_solver(found.solver, options)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from mbsbench import JointKind
-from mbsbench.harness.fuzz.campaign import make_oracle, run_campaign
+from mbsbench.harness.fuzz.campaign import Settings, run_campaign
 from mbsbench.harness.fuzz.oracle import FINDINGS, Kind, Oracle, Verdict
 from mbsbench.harness.fuzz.shrinking import shrink_outcome
 
@@ -18,7 +18,7 @@ WITH_DISTANCE = 102
 
 def make_short_oracle(number: int) -> Oracle:
     """Mechanism ``number`` for a fifth of its time."""
-    oracle = make_oracle(SEED, number)
+    oracle = Settings(SEED).oracle(number)
     return replace(oracle, mechanism=replace(oracle.mechanism, steps=STEPS))
 
 
@@ -48,7 +48,7 @@ def test_a_sound_solver_gives_no_finding_in_10_mechanisms():
 @pytest.mark.slow
 def test_a_sound_solver_gives_no_finding_in_a_campaign():
     """50 mechanisms, for all of their time, in a process apart."""
-    outcomes = list(run_campaign(SEED, [(n, SOUND) for n in range(50)], 1))
+    outcomes = list(run_campaign(Settings(SEED), [(n, SOUND) for n in range(50)], 1))
     assert [o.number for o in outcomes] == list(range(50))
     assert not [o for o in outcomes if o.kind in (*FINDINGS, Kind.CRASHED)]
     assert sum(o.kind is Kind.SOUND for o in outcomes) > 40
