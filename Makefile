@@ -65,8 +65,9 @@ test-python: $(READY) ## with PYTHON=python3.13 or another: try a wheel of this,
 test-slow: $(CLUSTER) ## run all tests, with those of a cluster (installs Dask)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable
 
-$(VENV)/.ready-engines: requirements-engines.lock $(READY)
+$(VENV)/.ready-engines: requirements-engines.lock requirements-formats.lock $(READY)
 	$(call moving,$(PIP) -r requirements-engines.lock,installing requirements-engines.lock)
+	$(call moving,$(PIP) -r requirements-formats.lock,installing requirements-formats.lock)
 	@touch $@
 
 $(VENV)/engines/%/.ready: requirements-engines-%.lock
@@ -74,7 +75,7 @@ $(VENV)/engines/%/.ready: requirements-engines-%.lock
 	$(call moving,$(@D)/bin/python -m pip install --quiet --disable-pip-version-check -r $<,installing $<)
 	@touch $@
 
-engines: $(ENGINES) ## install other people's engines: requirements-engines.lock here, those that clash in .venv/engines
+engines: $(ENGINES) ## install other people's engines, and readers of formats; engines that clash in .venv/engines
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
 	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue \

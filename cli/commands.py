@@ -178,7 +178,13 @@ def _add_fuzz(commands: Any) -> None:
     p.add_argument("--shrink", type=positive_int, default=2, metavar="N", help=shrink)
     add_set(p, "--set", "option of the solvers")
     p.add_argument("--repeat", metavar="CASE.json", help="examine this written case again, and no others")
-    p.add_argument("--out", metavar="DIR", help="folder to write (default: results/local/fuzz-<time>)")
+    add_set(
+        p, "--form", "form in which all mechanisms are presented, as split=1 or rotation=0.3,-0.5,0.7 (default: drawn)"
+    )
+    turns = "give each mechanism to one of the solvers, in turns, not to all"
+    p.add_argument("--in-turns", action="store_true", help=turns)
+    words = "folder to write (default: results/local/fuzz-<time>); a campaign that is there is continued"
+    p.add_argument("--out", metavar="DIR", help=words)
     add_plugin(p)
     add_jobs(p)
 

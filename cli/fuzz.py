@@ -1,57 +1,70 @@
 """``fuzz``: random mechanisms in several forms; what a code answers differently or wrongly is shrunk and written."""
 
 import argparse
-import shlex
-from collections import Counter, defaultdict
 from dataclasses import replace
 from pathlib import Path
 
 from ..harness.catalogue import registry
 from ..harness.execution.runner import new_folder
-from ..harness.fuzz.campaign import run_campaign
-from ..harness.fuzz.cases import NONE, read_case, write_cases
-from ..harness.fuzz.oracle import FINDINGS, SHOWN, Kind, Outcome
+from ..harness.fuzz.campaign import Settings, run_campaign
+from ..harness.fuzz.cases import NONE, read_case, write_cases, write_page
+from ..harness.fuzz.log import (
+    COLUMNS,
+    Trial,
+    append_trial,
+    ask_second_route,
+    code_of,
+    read_trials,
+    write_summary,
+)  # fmt: skip
+from ..harness.fuzz.oracle import FINDINGS, SHOWN, Kind, Outcome, Verdict
+from ..harness.fuzz.presenting import Form
 from ..harness.fuzz.report import choose, describe
 from .arguments import UsageError, count_jobs, load_plugins, parse_assignments
 from .terminal import Column, console, error_console, plural, print_json, print_table
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the counts and the findings; return 1 if a deviation is confirmed, else 0."""
+    """Do the trials that are not in the folder; count, shrink and write all; return 1 if one is confirmed, else 0."""
     load_plugins(arguments.plugin)
     for name in arguments.solvers:
         registry.entry_of("solver", name, registry.solvers())
     if arguments.repeat:
         return _repeat(arguments)
     options = parse_assignments(arguments.set, "--set")
-    solvers = dict.fromkeys(arguments.solvers)
-    for name in solvers:
+    names = list(dict.fromkeys(arguments.solvers))
+    for name in names:
         registry.make_solver(name, options)  # says no to what it does not take
-    pairs = [(n, s) for n in range(arguments.first, arguments.first + arguments.mechanisms) for s in solvers]
-    outcomes: list[Outcome] = []
-    for outcome in run_campaign(arguments.seed, pairs, count_jobs(arguments.jobs), arguments.floor, options):
-        outcomes.append(outcome)
+    form = Form.of(parse_assignments(arguments.form, "--form")) if arguments.form else None
+    settings, codes = Settings(arguments.seed, arguments.floor, options, form), {name: code_of(name) for name in names}
+    folder = Path(arguments.out) if arguments.out else new_folder("fuzz")
+    done = {trial.key for trial in read_trials(folder)}
+    numbers = range(arguments.first, arguments.first + arguments.mechanisms)
+    pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
+    left = [(n, s) for n, s in pairs if Trial(settings, codes[s], Outcome(s, Kind.SOUND, number=n)).key not in done]
+    for outcome in run_campaign(settings, left, count_jobs(arguments.jobs)):
+        append_trial(folder, Trial(settings, codes[outcome.solver], outcome))
         if outcome.kind in SHOWN and not arguments.json:
             error_console().print(describe(outcome))
-    counts: dict[str, Counter[Kind]] = defaultdict(Counter)
-    for o in outcomes:
-        counts[o.solver][o.kind] += 1
-    cases = choose(arguments.seed, outcomes, arguments.shrink, arguments.floor, options)
-    folder = Path(arguments.out) if arguments.out else new_folder("fuzz")
-    command = shlex.join(["mbsbench", "fuzz", *solvers, "--mechanisms", str(arguments.mechanisms), "--seed",
-                          str(arguments.seed), *(f"--set={k}={v}" for k, v in options.items())])  # fmt: skip
-    write_cases(folder, cases, counts, f"`{command}`")
-    found = sum(c.outcome.kind in FINDINGS and bool(c.evidence) for c in cases)
+    for trial in read_trials(folder):
+        if trial.is_deviation and trial.verdict is None:
+            append_trial(folder, ask_second_route(trial))
+    trials = read_trials(folder)
+    counts = write_summary(folder, trials)
+    cases = choose(trials, arguments.shrink)
+    write_cases(folder, cases)
+    write_page(folder)
+    confirmed = counts["all"][Verdict.CONFIRMED]
     if arguments.json:
-        print_json({"counts": counts, "cases": [c.name for c in cases], "confirmed": found, "out": str(folder)})
-        return 1 if found else 0
-    kinds = [k for k in Kind if any(of[k] for of in counts.values())]
-    rows = [[name, *(str(of[k]) for k in kinds)] for name, of in sorted(counts.items())]
-    print_table([Column("solver", right=False), *(Column(str(k)) for k in kinds)], rows)
+        print_json({"counts": counts, "cases": [c.name for c in cases], "confirmed": confirmed, "out": str(folder)})
+        return 1 if confirmed else 0
+    shown = [n for n in COLUMNS if counts["all"][n]]
+    print_table([Column("solver", right=False), *map(Column, shown)],
+                [[name, *(str(of[n]) for n in shown)] for name, of in counts.items()])  # fmt: skip
     for case in cases:
         console().print(f"{describe(case.outcome)}; bodies: {len(case.mechanism.bodies)}; {case.evidence or NONE}")
-    console().print(f"{plural(found, 'confirmed deviation')}: {folder / 'README.md'}")
-    return 1 if found else 0
+    console().print(f"{plural(confirmed, 'confirmed deviation')}: {folder / 'README.md'}")
+    return 1 if confirmed else 0
 
 
 def _repeat(arguments: argparse.Namespace) -> int:
@@ -62,7 +75,7 @@ def _repeat(arguments: argparse.Namespace) -> int:
     (name,) = arguments.solvers
     solver = registry.make_solver(name, case.options | parse_assignments(arguments.set, "--set"))
     found = replace(case.oracle.examine(name, solver), number=case.outcome.number)
-    evidence = case.oracle.confirm(name, solver) if found.kind in FINDINGS else ""
+    evidence = case.oracle.decide(name, solver)[1] if found.kind in FINDINGS else ""
     if arguments.json:
         print_json({"kind": found.kind, "deviation": found.deviation, "own": found.own, "evidence": evidence})
     else:

@@ -14,8 +14,10 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
-from .formulations.ida import integrate
+from .formulations.ida import Beginning, integrate
+from .formulations.layout import Layout
 from .formulations.recording import Clock
+from .formulations.start import layout_for
 
 
 @solver("ida_index1")
@@ -28,7 +30,11 @@ class IdaIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-FI"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        layout, notes, y, y_dot = self.start(problem)
-        form = self.implicit(layout, self.form, self.alpha, self.beta)
-        out_of_test = () if self.lambda_in_error_test else (layout.lam,)
-        return integrate(problem, control, layout, form, y, y_dot, out_of_test, notes, clock)
+        layout, notes = layout_for(problem, self.coordinates)
+
+        def begin(layout: Layout, at: Problem) -> Beginning:
+            y, y_dot = self.start(layout, at)
+            form = self.implicit(layout, self.form, self.alpha, self.beta)
+            return Beginning(form, y, y_dot, () if self.lambda_in_error_test else (layout.lam,))
+
+        return integrate(problem, control, layout, begin, notes, clock)

@@ -16,8 +16,8 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
-from .formulations.ida import integrate
-from .formulations.layout import Stabilised
+from .formulations.ida import Beginning, integrate
+from .formulations.layout import Layout, Stabilised
 from .formulations.recording import Clock
 from .formulations.refusals import without_phi
 from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
@@ -44,12 +44,17 @@ class IdaIndex2(ImplicitOptions):
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         rate = self.alpha if self.form == "velocity" else 0.0  # the row's derivative: phi_ddot + rate phi_dot
-        y, y_dot = make_consistent(layout, coordinates_and_velocities(layout, problem), rate / 2.0, 0.0)
-        multipliers = [layout.lam]
         if self.form == "ggl":
-            layout = stabilised = Stabilised(layout.system, layout.chart, layout.kept)
-            y, y_dot = (np.concatenate((part, np.zeros(layout.k))) for part in (y, y_dot))
-            multipliers.append(stabilised.eta)
-        form = self.implicit(layout, "both" if self.form == "ggl" else "velocity", self.alpha, 0.0)
-        out_of_test = () if self.lambda_in_error_test else tuple(multipliers)
-        return integrate(problem, control, layout, form, y, y_dot, out_of_test, notes, clock)
+            layout = Stabilised(layout.system, layout.chart, layout.kept)
+
+        def begin(layout: Layout, at: Problem) -> Beginning:
+            plain = Layout(layout.system, layout.chart, layout.kept)
+            y, y_dot = make_consistent(plain, coordinates_and_velocities(plain, at), rate / 2.0, 0.0, at.initial.t)
+            multipliers = [layout.lam]
+            if isinstance(layout, Stabilised):
+                y, y_dot = (np.concatenate((part, np.zeros(layout.k))) for part in (y, y_dot))
+                multipliers.append(layout.eta)
+            form = self.implicit(layout, "both" if self.form == "ggl" else "velocity", self.alpha, 0.0)
+            return Beginning(form, y, y_dot, () if self.lambda_in_error_test else tuple(multipliers))
+
+        return integrate(problem, control, layout, begin, notes, clock)

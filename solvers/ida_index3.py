@@ -14,7 +14,8 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
-from .formulations.ida import integrate
+from .formulations.ida import Beginning, integrate
+from .formulations.layout import Layout
 from .formulations.recording import Clock
 from .formulations.refusals import without_phi
 from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
@@ -39,11 +40,11 @@ class IdaIndex3(ImplicitOptions):
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
-        y, y_dot = make_consistent(layout, coordinates_and_velocities(layout, problem), 0.0, 0.0)
-        form = self.implicit(layout, "position", 0.0, 0.0)
-        velocities = () if self.velocities_in_error_test else (layout.u,)
-        multipliers = () if self.lambda_in_error_test else (layout.lam,)
-        return integrate(
-            problem, control, layout, form, y, y_dot, (*velocities, *multipliers), notes, clock,
-            first_step=self.first_step,
-        )  # fmt: skip
+
+        def begin(layout: Layout, at: Problem) -> Beginning:
+            y, y_dot = make_consistent(layout, coordinates_and_velocities(layout, at), 0.0, 0.0, at.initial.t)
+            velocities = () if self.velocities_in_error_test else (layout.u,)
+            multipliers = () if self.lambda_in_error_test else (layout.lam,)
+            return Beginning(self.implicit(layout, "position", 0.0, 0.0), y, y_dot, (*velocities, *multipliers))
+
+        return integrate(problem, control, layout, begin, notes, clock, first_step=self.first_step)

@@ -32,10 +32,13 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
+from .formulations.dae import ImplicitForm
 from .formulations.ida import tolerances
 from .formulations.layout import Layout
 from .formulations.newton import Scheme, maximum, ndf_newton, root_mean_square
 from .formulations.recording import Clock, StepFailure, march
+from .formulations.rows_in_use import RowsInUse
+from .formulations.start import layout_for
 
 
 @solver("ndf_index1")
@@ -58,27 +61,41 @@ class NdfIndex1(BaumgarteOptions):
     scheme: ClassVar[Scheme] = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        layout, notes, y, y_dot = self.start(problem)
-        which = "se" if self.accelerations == "eliminated" else "fi"
-        form = self.implicit(layout, which, self.alpha, self.beta)
+        layout, notes = layout_for(problem, self.coordinates)
         assert control.rtol is not None  # the catalogue has seen to it
-        atol = tolerances(control.rtol, layout.n, () if self.lambda_in_error_test else (layout.lam,))
         norm = root_mean_square if self.norm == "rms" else maximum
         keep = self.accelerations != "mass_matrix"  # F = E(y) y' - f(y): without y', what is left of dF/dy is -df/dy
-        ndf = self.scheme.on(form, (y, y_dot), problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
+        pieces = list[tuple[DaeSolver, ImplicitForm]]()
+
+        def begin(layout: Layout, at: Problem) -> None:
+            form = self.implicit(layout, "se" if self.accelerations == "eliminated" else "fi", self.alpha, self.beta)
+            atol = tolerances(control.rtol or 0.0, layout.n, () if self.lambda_in_error_test else (layout.lam,))
+            start = (at.initial.t, *self.start(layout, at))
+            ndf = self.scheme.on(form, start, problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
+            pieces.append((ndf, form))
+
+        rows = RowsInUse(layout, begin, problem)
+        y = pieces[0][0].y
+
+        def advance() -> tuple[float, np.ndarray, np.ndarray]:
+            t, y, reaction = _step(pieces[-1][0], rows.layout)
+            rows.look(t, y)
+            return t, y, reaction
 
         def count(steps: int) -> dict[str, int]:
+            spent = sum(form.difference_evaluations for _, form in pieces)
+            total = {name: sum(getattr(ndf, name) for ndf, _ in pieces) for name in ("nfev", "njev", "nlu", "_nlusove")}
             return {
-                "evaluations": ndf.nfev + form.difference_evaluations,
-                "jacobians": ndf.njev,
-                "factorisations": ndf.nlu,
-                "linear_solves": ndf._nlusove,  # scipy_dae's only count of Newton iterations
-                "difference_evaluations": form.difference_evaluations,
+                "evaluations": total["nfev"] + spent,
+                "jacobians": total["njev"],
+                "factorisations": total["nlu"],
+                "linear_solves": total["_nlusove"],  # scipy_dae's only count of Newton iterations
+                "difference_evaluations": spent,
             }
 
-        return march(
-            problem, control, layout, clock, lambda: _step(ndf, layout), y, layout.all_rows(y[layout.lam]), count, notes
-        )
+        in_use = lambda: (rows.layout, rows.notes)  # noqa: E731
+        reaction = layout.all_rows(y[layout.lam])
+        return march(problem, control, layout, clock, advance, y, reaction, count, notes, in_use)
 
 
 def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:

@@ -1,8 +1,8 @@
 """All codes on all mechanisms, in processes of their own: one that crashes costs the mechanism at work."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import msgspec
 import numpy as np
@@ -41,65 +41,78 @@ def draw_form(seed: int, number: int, m: Mechanism) -> Form:
     return Form(split, "fixed", turned, plain)  # type: ignore[arg-type]
 
 
-def make_oracle(seed: int, number: int, floor: float = FLOOR) -> Oracle:
-    """Mechanism ``number`` in both forms."""
-    m = draw_mechanism(seed, number)
-    return Oracle(m, draw_form(seed, number, m), floor)
+@dataclass(frozen=True)
+class Settings:
+    """What the trials of a campaign have in common; a form is drawn for each where none is given."""
+
+    seed: int
+    floor: float = FLOOR
+    options: dict[str, str] = field(default_factory=dict)
+    form: Form | None = None
+
+    def oracle(self, number: int) -> Oracle:
+        """Mechanism ``number`` in both forms."""
+        m = draw_mechanism(self.seed, number)
+        return Oracle(m, self.form or draw_form(self.seed, number, m), self.floor)
 
 
-def run_campaign(
-    seed: int, pairs: Sequence[Pair], jobs: int, floor: float = FLOOR, options: Mapping[str, str] | None = None
-) -> Iterator[Outcome]:
-    """The outcomes as chunks of ``pairs`` are done."""
-    _warm(seed, {solver for _, solver in pairs})
+def run_campaign(settings: Settings, pairs: Sequence[Pair], jobs: int) -> Iterator[Outcome]:
+    """The outcomes, each as soon as it is there."""
+    _warm(settings.seed, {solver for _, solver in pairs})
     waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]
-    active: list[tuple[list[Pair], Apart]] = []
+    active: list[_Chunk] = []
     try:
         while waiting or active:
             while waiting and len(active) < jobs:
                 chunk = waiting.pop()
-                active.append((chunk, _begin(seed, chunk, floor, options or {})))
+                active.append(_Chunk(chunk, _begin(settings, chunk)))
             time.sleep(TICK)
             for one in list(active):
-                chunk, process = one
-                if (ended := process.look()) is None:
+                ended = one.process.look()
+                sent = (ended.sent if ended else one.process.hear()).split("\n")[one.done : -1]
+                one.done += len(sent)
+                yield from (msgspec.json.decode(line, type=Outcome) for line in sent)
+                if ended is None:
                     continue
                 active.remove(one)
-                outcomes, left = _read(chunk, ended)
-                yield from outcomes
-                waiting += [left] if left else []
+                if left := one.pairs[one.done :]:  # a code ended the process
+                    yield _crash(left[0], ended)
+                    waiting += [left[1:]] if left[1:] else []
     finally:
-        for _, process in active:
-            process.kill()
-            process.wait()
+        for one in active:
+            one.process.kill()
+            one.process.wait()
 
 
-def _begin(seed: int, chunk: Sequence[Pair], floor: float, options: Mapping[str, str]) -> Apart:
+@dataclass
+class _Chunk:
+    """Pairs and the process at work on them; how many are ``done``."""
+
+    pairs: list[Pair]
+    process: Apart
+    done: int = 0
+
+
+def _begin(settings: Settings, chunk: Sequence[Pair]) -> Apart:
     def target(send: Callable[[str], None]) -> None:
         oracle, last = None, -1
         for number, solver in chunk:
             if oracle is None or number != last:
-                oracle, last = make_oracle(seed, number, floor), number
-            found = replace(oracle.examine(solver, registry.make_solver(solver, options)), number=number)
+                oracle, last = settings.oracle(number), number
+            found = replace(oracle.examine(solver, registry.make_solver(solver, settings.options)), number=number)
             send(msgspec.json.encode(found).decode())
 
     return Apart(target, limit=60.0 + CPU * len(chunk), memory=MEMORY)
 
 
-def _read(chunk: Sequence[Pair], ended: Ended) -> tuple[list[Outcome], list[Pair]]:
-    """The outcomes sent; where a code ended the process, its crash and the pairs that are left."""
-    lines = [line for line in ended.sent.splitlines() if line]
-    outcomes = [msgspec.json.decode(line, type=Outcome) for line in lines]
-    if len(outcomes) == len(chunk):
-        return outcomes, []
-    number, solver = chunk[len(outcomes)]
+def _crash(pair: Pair, ended: Ended) -> Outcome:
     words = f"over its limit of {ended.over} time" if ended.over else ended.words
-    return [*outcomes, Outcome(solver, Kind.CRASHED, words=words, number=number)], list(chunk[len(outcomes) + 1 :])
+    return Outcome(pair[1], Kind.CRASHED, words=words, number=pair[0])
 
 
 def _warm(seed: int, solvers: Iterable[str]) -> None:
     """Compile our kernels before all forks; other people's codes stay out of this process."""
     own = [s for s in solvers if registry.is_own_solver(s) and s not in registry.engines()]
-    oracle = make_oracle(seed, 0)
+    oracle = Settings(seed).oracle(0)
     for solver in own:
         oracle.examine(solver)

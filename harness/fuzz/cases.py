@@ -2,7 +2,8 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import fill
 
@@ -15,8 +16,9 @@ from ...solvers.engines.export.tree import spanning_tree
 from ..files import read_text, write_text
 from ..mechanics.system import GROUND
 from ..types import Problem
+from .log import SUMMARY
 from .mechanism import Mechanism
-from .oracle import FLOOR, Kind, Oracle, Outcome
+from .oracle import FLOOR, Kind, Oracle, Outcome, Verdict
 from .presenting import Form
 
 WIDTH = 118
@@ -25,14 +27,16 @@ NONE = "No other route was asked, or none confirms it."
 
 @dataclass(frozen=True)
 class Case:
-    """A mechanism, its form, what a code does with them, and the evidence of other routes (empty: none)."""
+    """A mechanism, its form, what a code does with them, and what other routes say of it; the cause, once known."""
 
     outcome: Outcome
     mechanism: Mechanism
     form: Form
+    verdict: Verdict | None = None
     evidence: str = ""
     options: dict[str, str] = field(default_factory=dict)
     floor: float = FLOOR
+    cause: str = ""
 
     @property
     def name(self) -> str:
@@ -45,24 +49,50 @@ class Case:
         return Oracle(self.mechanism, self.form, self.floor)
 
 
-def write_cases(folder: Path, cases: Sequence[Case], counts: Mapping[str, Mapping[Kind, int]], command: str) -> None:
-    """Write a case and a mechanism for each, and ``README.md`` about all."""
+def write_cases(folder: Path, cases: Sequence[Case]) -> None:
+    """Write a case and a mechanism for each; a cause that is already written there stays."""
     folder.mkdir(parents=True, exist_ok=True)
-    lines = [f"# Findings of {command}", "", *_table(counts)]
     for case in cases:
-        text = msgspec.json.format(msgspec.json.encode(case), indent=1).decode()
-        write_text(folder / f"{case.name}.json", text + "\n")
-        try:
+        path = folder / f"{case.name}.json"
+        cause = read_case(path).cause if path.exists() else ""
+        text = msgspec.json.format(msgspec.json.encode(replace(case, cause=cause)), indent=1).decode()
+        write_text(path, text + "\n")
+        with suppress(ValueError):  # joints that MJCF has not
             write_text(folder / f"{case.name}.xml", mjcf(case.oracle.problem))
-            file = f"MJCF: `{case.name}.xml`, which starts at its keyframe `start`."
-        except ValueError as error:
-            file = f"No MJCF: {error}."
+
+
+def write_page(folder: Path) -> None:
+    """Write ``README.md`` from the summary and the cases in ``folder``."""
+    write_text(folder / "README.md", page(folder))
+
+
+def page(folder: Path) -> str:
+    """The counts in a sentence and a table, and a paragraph for each case."""
+    summary = msgspec.json.decode(read_text(folder / SUMMARY, "summary"))
+    of = summary["counts"]["all"]
+    seeds = ", ".join(map(str, summary["seeds"]))
+    who = f"{len(summary['counts']) - 1} codes on {summary['mechanisms']} mechanisms (seed {seeds})"
+    intro = (
+        f"{of['trials']} trials of {who}: {of['deviations']} deviations, of which "
+        f"{', '.join(f'{of[v]} {v}' for v in Verdict)}. A deviation is confirmed if two other routes agree on the true "
+        "motion and the code is off it; of each sort a few are shrunk and shown."
+    )
+    lines = ["# Findings of `mbsbench fuzz`", "", _fill(intro), "", *_table(summary["counts"])]
+    cases = [read_case(p) for p in folder.glob("*.json") if p.name != SUMMARY]
+    for case in sorted(cases, key=lambda c: (c.outcome.solver, c.outcome.number)):
+        drawn = (folder / f"{case.name}.xml").exists()
+        file = (
+            f"MJCF: `{case.name}.xml`, which starts at its keyframe `start`." if drawn else "Its joints have no MJCF."
+        )
         again = f"Repeat: `mbsbench fuzz {case.outcome.solver} --repeat {case.name}.json`. {file}"
-        lines += ["", f"## {case.name}: {case.outcome.kind}", "", _parts(case.mechanism), ""]
-        for text in (_numbers(case), case.evidence or NONE, again):
-            lines += [fill(text, WIDTH, break_long_words=False, break_on_hyphens=False), ""]
-        lines.pop()
-    write_text(folder / "README.md", "\n".join(lines) + "\n")
+        lines += ["", f"## {case.name}: {case.outcome.kind}", "", _parts(case.mechanism)]
+        for text in filter(None, (_numbers(case), case.evidence or NONE, case.cause, again)):
+            lines += ["", _fill(text)]
+    return "\n".join(lines) + "\n"
+
+
+def _fill(text: str) -> str:
+    return fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
 def _numbers(case: Case) -> str:
@@ -132,10 +162,10 @@ def mjcf(problem: Problem) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _table(counts: Mapping[str, Mapping[Kind, int]]) -> list[str]:
-    kinds = [k for k in Kind if any(of.get(k) for of in counts.values())]
-    rows = [f"| {name} | {' | '.join(str(of.get(k, 0)) for k in kinds)} |" for name, of in sorted(counts.items())]
-    return [f"| | {' | '.join(kinds)} |", f"|---|{'---|' * len(kinds)}", *rows]
+def _table(counts: Mapping[str, Mapping[str, int]]) -> list[str]:
+    names = [name for name, number in counts["all"].items() if number]
+    rows = [f"| {solver} | {' | '.join(str(of.get(n, 0)) for n in names)} |" for solver, of in counts.items()]
+    return [f"| | {' | '.join(names)} |", f"|---|{'---|' * len(names)}", *rows]
 
 
 def _parts(m: Mechanism) -> str:

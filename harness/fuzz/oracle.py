@@ -43,6 +43,14 @@ class Kind(StrEnum):
     CRASHED = "crashed"
 
 
+class Verdict(StrEnum):
+    """What other routes say of a deviation."""
+
+    CONFIRMED = "confirmed"  # they agree on the motion, and the code is off it
+    DISMISSED = "dismissed"  # they agree on the motion, and the code is on it
+    UNDECIDABLE = "not decidable"  # no reference, or the routes differ
+
+
 FINDINGS = (Kind.PRESENTATION, Kind.TRUTH)  # deviations
 SHOWN = (*FINDINGS, Kind.ONE_SIDED, Kind.CRASHED)
 
@@ -136,14 +144,15 @@ class Oracle:
                 return replace(found, kind=Kind.TRUTH, deviation=off, own=half, limit=limit, form=which)
         return found
 
-    def confirm(self, name: str, solver: Solver | None = None) -> str:
-        """The evidence of other routes that a deviation of ``name`` is real; empty where they do not confirm it."""
+    def decide(self, name: str, solver: Solver | None = None) -> tuple[Verdict, str]:
+        """Whether other routes confirm a deviation of ``name``, and their evidence or why they cannot."""
+        solver = registry.make_solver(name) if solver is None else solver
         found = self.examine(name, solver)
-        if found.kind not in FINDINGS or not is_computable(self.problem.system):
-            return ""
-        reference = compute_reference(self.problem)
+        if found.kind not in FINDINGS:
+            return Verdict.DISMISSED, f"the deviation does not come back: {found.kind}"
+        reference = compute_reference(self.problem) if is_computable(self.problem.system) else None
         if reference is None or reference.horizon < self.problem.t_end:
-            return ""
+            return Verdict.UNDECIDABLE, "the second route states no error for the end of the motion"
         end = reference.states(np.array([self.problem.t_end]))[0]
         sure = float(reference.error(np.array([self.problem.t_end]))[0])
         true = self.truth[0]
@@ -151,18 +160,19 @@ class Oracle:
         other = _final_state(self._motion(registry.make_solver(SECOND), Form(), StepControl(rtol=1e-10, cpu_limit=CPU)))
         second = np.inf if other is None else self.apart(other, end)
         if sorted((sure, second, self.apart(true, end)))[1] > 0.1 * found.limit:  # the tested code may be one of them
-            return ""
-        solver = registry.make_solver(name) if solver is None else solver
+            return Verdict.UNDECIDABLE, "the other routes differ by more than a tenth of the limit"
         fine, off = _steps(solver.control, self.mechanism.dt)[1], {}
         for form in dict.fromkeys((Form(), found.form)):
             mine = _final_state(self._motion(solver, form, fine))
             off[str(form)] = np.inf if mine is None else self.apart(mine, end)
-        if not 0.4 * found.limit < max(off.values()) < np.inf:
-            return ""
         others = {SECOND: second, TRUTH: self.apart(true, end)}
         words = "; ".join(f"{who}: {x:.2g} m" for who, x in (*off.items(), *others.items()))
         routes = "Newton-Euler in quaternions and Lagrange in natural coordinates"
-        return f"Distance from the reference ({routes}, which agree to {sure:.1g} m): {words}."
+        evidence = f"Distance from the reference ({routes}, which agree to {sure:.1g} m): {words}."
+        if max(off.values()) == np.inf:
+            return Verdict.UNDECIDABLE, "the code does not reach the end again"
+        # two answers that differ by more than the limit cannot both be within 0.4 of it of the reference
+        return (Verdict.CONFIRMED if max(off.values()) > 0.4 * found.limit else Verdict.DISMISSED), evidence
 
     def _refusal(self, solver: Solver, form: Form, step: StepControl) -> str | None:
         try:

@@ -6,6 +6,7 @@ joint and spring of the body goes with it. The weld is a fixed joint, or for cod
 beside its axis, with two rows too many.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -35,6 +36,21 @@ class Form:
     weld: Weld = "fixed"
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rotation vector of everything
     plain: Presentation = field(default_factory=Presentation)
+
+    @staticmethod
+    def of(words: Mapping[str, str]) -> "Form":
+        """The form of words like those of ``str(form)``, or ValueError."""
+        defaults, given = vars(Presentation()), dict(words)
+        try:
+            split = int(given.pop("split", "0"))
+            turned = tuple(map(float, given.pop("rotation", "0,0,0").split(",")))
+            if len(turned) != 3:
+                raise ValueError(f"rotation takes three numbers (got {len(turned)})")
+            values = {name: type(defaults[name])(text) for name, text in given.items()}
+            return Form(split, "fixed", turned, Presentation(**values))
+        except KeyError as error:
+            known = ", ".join(["split", "rotation", *defaults])
+            raise ValueError(f"a form has no {error.args[0]!r} (it has {known})") from None
 
     def problem(self, problem: Problem) -> Problem:
         """``problem`` split and turned, with the rest of the form as its presentation."""

@@ -16,8 +16,8 @@ BALL = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
 Case = tuple[Mechanism, Form]
 
 
-def shrink(case: Case, wanted: Callable[[Case], bool], most: int = MOST) -> Case:
-    """The smallest case found for which ``wanted`` holds, by taking every change that keeps it."""
+def shrink(case: Case, keeps_kind: Callable[[Case], bool], most: int = MOST) -> Case:
+    """The smallest case found for which ``keeps_kind`` holds, by taking every change that keeps it."""
     left, changed = most, True
     while changed:
         changed = False
@@ -28,7 +28,7 @@ def shrink(case: Case, wanted: Callable[[Case], bool], most: int = MOST) -> Case
                 if candidate is None:
                     break
                 left -= 1
-                if candidate != case and wanted(candidate):
+                if candidate != case and keeps_kind(candidate):
                     case, changed = candidate, True
                 else:
                     position += 1
@@ -40,7 +40,7 @@ def shrink_outcome(
 ) -> tuple[Oracle, Outcome]:
     """The smallest mechanism and form with an outcome of the same kind."""
 
-    def wanted(case: Case) -> bool:
+    def keeps_kind(case: Case) -> bool:
         try:
             now = examine(Oracle(*case, oracle.floor))
             return now.kind == found.kind and now.strength >= min(CLEAR, found.strength)
@@ -48,7 +48,7 @@ def shrink_outcome(
             return False
 
     first = (oracle.mechanism, found.form)
-    case = shrink(first, wanted, most) if wanted(first) else (oracle.mechanism, oracle.form)
+    case = shrink(first, keeps_kind, most) if keeps_kind(first) else (oracle.mechanism, oracle.form)
     smallest = Oracle(*case, oracle.floor)
     return smallest, replace(examine(smallest), number=found.number)
 

@@ -13,7 +13,7 @@ from .dae import ImplicitForm
 from .differences import DifferencedForm
 from .layout import Layout
 from .recording import Clocked
-from .start import coordinates_and_velocities, layout_for, make_consistent, redundancy_refusal, start_unloaded
+from .start import coordinates_and_velocities, make_consistent, redundancy_refusal, start_unloaded
 from .traced import without_expression
 
 
@@ -68,12 +68,9 @@ class BaumgarteOptions(ImplicitOptions):
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
     consistent_start: bool = option(True, "start from consistent accelerations and multipliers, else from lambda = 0")
 
-    def start(
-        self, problem: Problem
-    ) -> tuple[Layout, tuple[str, ...], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Unknowns with notes, y and y'."""
-        layout, notes = layout_for(problem, self.coordinates)
-        y = coordinates_and_velocities(layout, problem)
-        if self.consistent_start:
-            return layout, notes, *make_consistent(layout, y, self.alpha, self.beta)
-        return layout, notes, *start_unloaded(layout, y)
+    def start(self, layout: Layout, problem: Problem) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """(y, y') at the problem's initial state; later ones than its first are always consistent."""
+        y, t = coordinates_and_velocities(layout, problem), problem.initial.t
+        if self.consistent_start or t > 0.0:
+            return make_consistent(layout, y, self.alpha, self.beta, t)
+        return start_unloaded(layout, y)

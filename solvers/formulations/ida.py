@@ -5,7 +5,9 @@ every Jacobian is factorised once. Errors are measured in the weighted root mean
 fixes in its vectors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -17,8 +19,20 @@ from .generated.steps import take
 from .layout import Layout
 from .linear import BAND_WORK, find_band
 from .recording import Clock, StepFailure, march
+from .rows_in_use import RowsInUse
 from .sundials import OUT_OF_TIME, Equations, Ida
 
+
+class Beginning(NamedTuple):
+    """F, its start, and the parts of y that are in no error test."""
+
+    form: ImplicitForm
+    y: Float[np.ndarray, " n"]
+    y_dot: Float[np.ndarray, " n"]
+    out_of_test: tuple[slice, ...] = ()
+
+
+Begin = Callable[[Layout, Problem], Beginning]  # at the problem's initial state and its time
 DENSE_BELOW = 40  # unknowns
 OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test and Newton test (IDA divides by it)
 FAILURES = {
@@ -32,41 +46,88 @@ FAILURES = {
 
 
 def integrate(
-    problem: Problem, control: StepControl, layout: Layout, form: ImplicitForm, y: Float[np.ndarray, " n"],
-    y_dot: Float[np.ndarray, " n"], out_of_test: tuple[slice, ...], notes: tuple[str, ...], clock: Clock, *,
+    problem: Problem, control: StepControl, layout: Layout, begin: Begin, notes: tuple[str, ...], clock: Clock, *,
     first_step: float = 0.0,
 ) -> Trajectory:  # fmt: skip
-    """The trajectory by IDA from (``y``, ``y_dot``); parts of y ``out_of_test`` are in no error test.
+    """The trajectory by IDA from what ``begin`` makes of the problem's start, and of later ones on other rows.
 
     ``clock`` runs since the set-up began; ``first_step`` [s], 0 lets IDA choose it.
     """
     assert control.rtol is not None  # the catalogue has seen to it
-    order, place, linear_solver = _choose_order(form)
-    equations = _in_order(form, order, place)
-    equations.y[:], equations.y_dot[:] = y[order], y_dot[order]
-    with Ida(
-        equations, linear_solver, rtol=control.rtol, atol=tolerances(control.rtol, layout.n, out_of_test)[order],
-        first_step=min(first_step, control.max_step or np.inf), max_step=control.max_step or 0.0, seconds=clock.left(),
-    ) as ida:  # fmt: skip
-        ida.stop_at(problem.t_end)
-        lam = layout.lam
+    pieces, latest = list[_Piece](), np.zeros(0)
+
+    def restart(layout: Layout, problem: Problem) -> None:
+        nonlocal latest
+        start = begin(layout, problem)
+        pieces.append(_Piece(start, problem, control, layout, first_step, clock, stack))
+        latest = start.y
+
+    with ExitStack() as stack:
+        rows = RowsInUse(layout, restart, problem)
+        y = latest
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
-            flag, t, y = ida.step(problem.t_end)
-            if flag in OUT_OF_TIME:
-                raise clock.failure()
-            if flag < 0:
-                status, words = FAILURES.get(flag, (Status.CRASHED, f"flag {flag}"))
-                raise StepFailure(status, f"IDA: {words}" + (f" ({ida.messages})" if ida.messages else ""))
-            y = y.take(place)
-            return t, y, layout.all_rows(y[lam])
+            at = rows.layout
+            t, y = pieces[-1].step(problem.t_end)
+            reaction = at.all_rows(y[at.lam])
+            rows.look(t, y)
+            return t, y, reaction
 
         def count(steps: int) -> dict[str, int]:
-            spent, jacobians = form.difference_evaluations, ida.jacobians
+            spent, jacobians = (sum(getattr(piece, n) for piece in pieces) for n in ("spent", "jacobians"))
             counted = {"jacobians": jacobians, "factorisations": jacobians, "difference_evaluations": spent}
-            return {"evaluations": ida.evaluations + spent, **counted}
+            return {"evaluations": sum(piece.evaluations for piece in pieces) + spent, **counted}
 
-        return march(problem, control, layout, clock, advance, y, layout.all_rows(y[lam]), count, notes)
+        in_use = lambda: (rows.layout, rows.notes)  # noqa: E731
+        reaction = layout.all_rows(y[layout.lam])
+        return march(problem, control, layout, clock, advance, y, reaction, count, notes, in_use)
+
+
+class _Piece:
+    """IDA on one choice of rows."""
+
+    def __init__(
+        self, start: Beginning, problem: Problem, control: StepControl, layout: Layout, first_step: float, clock: Clock,
+        stack: ExitStack,
+    ) -> None:  # fmt: skip
+        assert control.rtol is not None
+        self._form, self._clock = start.form, clock
+        order, self._place, linear_solver = _choose_order(start.form)
+        equations = _in_order(start.form, order, self._place)
+        equations.y[:], equations.y_dot[:] = start.y[order], start.y_dot[order]
+        self._ida = stack.enter_context(
+            Ida(
+                equations, linear_solver, rtol=control.rtol, start=problem.initial.t,
+                atol=tolerances(control.rtol, layout.n, start.out_of_test)[order],
+                first_step=min(first_step, control.max_step or np.inf), max_step=control.max_step or 0.0,
+                seconds=clock.left(),
+            )
+        )  # fmt: skip
+        self._ida.stop_at(problem.t_end)
+
+    @property
+    def evaluations(self) -> int:
+        return self._ida.evaluations
+
+    @property
+    def jacobians(self) -> int:
+        return self._ida.jacobians
+
+    @property
+    def spent(self) -> int:
+        """Evaluations spent on Jacobians by differences."""
+        return self._form.difference_evaluations
+
+    def step(self, t_end: float) -> tuple[float, np.ndarray]:
+        """t and y after one step."""
+        flag, t, y = self._ida.step(t_end)
+        if flag in OUT_OF_TIME:
+            raise self._clock.failure()
+        if flag < 0:
+            status, words = FAILURES.get(flag, (Status.CRASHED, f"flag {flag}"))
+            said = self._ida.messages
+            raise StepFailure(status, f"IDA: {words}" + (f" ({said})" if said else ""))
+        return t, y.take(self._place)
 
 
 def tolerances(rtol: float, n: int, out_of_test: Sequence[slice]) -> Float[np.ndarray, " n"]:

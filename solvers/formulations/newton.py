@@ -47,7 +47,7 @@ class Scheme(NamedTuple):
     settings: dict[str, Any]
 
     def on(
-        self, form: ImplicitForm, start: tuple[np.ndarray, np.ndarray], t_end: float, control: StepControl,
+        self, form: ImplicitForm, start: tuple[float, np.ndarray, np.ndarray], t_end: float, control: StepControl,
         atol: Float[np.ndarray, " n"], norm: Norm, clock: Clock, *, keep_y_dot: bool,
     ) -> DaeSolver:  # fmt: skip
         """The method on ``form``, ready to step; Jacobians are taken at y' = 0 unless ``keep_y_dot``.
@@ -84,7 +84,7 @@ class Scheme(NamedTuple):
 
         nothing = sp.csc_matrix(form.pattern.shape)
         method = self.kind(
-            residual, 0.0, *start, t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol,
+            residual, *start, t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol,
             jac=(nothing, nothing), **self.settings,
         )  # fmt: skip
         method.fun, method.jac, method.lu, method.solve_lu = count_residual, jacobian, lu, solve_lu

@@ -45,6 +45,11 @@ def better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k
     return best if least[1] > BETTER * least[0] else kept
 
 
+def least_singular_value(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> float:
+    """Of the rows ``kept``, scaled to length one."""
+    return float(np.linalg.svd(even_jacobian(system, state).toarray()[kept], compute_uv=False)[-1])
+
+
 def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray, " nrows"]:
     """Squared distance of each row, scaled to length one, from the span of those before it in the band's order."""
     A = even_jacobian(system, state)

@@ -86,11 +86,12 @@ Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, "
 def march(
     problem: Problem, control: StepControl, layout: Layout, clock: Clock, advance: Advance, y: Float[np.ndarray, " n"],
     reaction: Float[np.ndarray, " nrows"], counters: Callable[[int], Mapping[str, int]], notes: tuple[str, ...],
+    in_use: Callable[[], tuple[Layout, tuple[str, ...]]] | None = None,
 ) -> Trajectory:  # fmt: skip
     """The motion by ``advance``, from ``y`` and ``reaction`` at the start to the end or a failure.
 
     Its arrays are copied; ``counters`` are asked with the number of steps. A failure near a singularity of chart or
-    constraints says so. Until here was the set-up.
+    constraints says so; ``in_use`` gives the layout at the end and notes on its changes. Until here was the set-up.
     """
     setup_time, times, ys, reactions = clock.restart(), [0.0], [y.copy()], [reaction.copy()]
     status, message = Status.SUCCESS, "reached the end"
@@ -120,6 +121,9 @@ def march(
     cpu_time, t_all, y_all, nt = clock.cpu_time(), np.array(times), np.array(ys), len(times)
     states = _states(layout, y_all).timed(t_all)
     margin = layout.chart.margin(y_all[:, layout.p].reshape(nt, layout.system.nb, layout.chart.size))
+    if in_use is not None:
+        layout, changes = in_use()
+        notes = (*notes, *changes)
     if status is not Status.SUCCESS:
         blamed, reasons = _blame(layout, states, margin, status)
         status = status if status in (Status.STALLED, Status.MEMORY) else blamed

@@ -77,13 +77,13 @@ class Accelerations:
 
 
 def make_consistent(
-    layout: Layout, y: Float[np.ndarray, " n"], alpha: float, beta: float
+    layout: Layout, y: Float[np.ndarray, " n"], alpha: float, beta: float, t: float = 0.0
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """(y, y') that satisfy every row and its hidden ones: u', lam from the saddle, lam' by a central difference."""
     accelerations = Accelerations(layout, alpha, beta)
-    u_dot, lam = accelerations.at(y)
+    u_dot, lam = accelerations.at(y, t)
     y_dot = np.concatenate((accelerations.rate(y), u_dot, np.zeros(layout.k)))
-    ahead, behind = (accelerations.at(y + h * y_dot, h)[1] for h in (RATE_STEP, -RATE_STEP))
+    ahead, behind = (accelerations.at(y + h * y_dot, t + h)[1] for h in (RATE_STEP, -RATE_STEP))
     y, y_dot = y.copy(), y_dot.copy()
     y[layout.lam], y_dot[layout.lam] = lam, (ahead - behind) / (2.0 * RATE_STEP)
     return y, y_dot

@@ -47,9 +47,12 @@ class Ida:
 
     def __init__(
         self, equations: Equations, linear_solver: str, *, rtol: float, atol: Float[np.ndarray, " n"],
-        first_step: float, max_step: float, seconds: float | None,
+        first_step: float, max_step: float, seconds: float | None, start: float = 0.0,
     ) -> None:  # fmt: skip
-        """``linear_solver``: dense, band or sparse; a step fails ``seconds`` of CPU time from now; 0: IDA's choice."""
+        """``linear_solver``: dense, band or sparse; a step fails ``seconds`` of CPU time from now; 0: IDA's choice.
+
+        ``start`` is the time [s] of the start.
+        """
         self._equations, self._stack, self._said = equations, ExitStack(), list[str]()
         self._failure: BaseException | None = None
         self._indices = list[tuple[np.ndarray, np.ndarray]]()  # of a sparse matrix, and their values
@@ -76,7 +79,7 @@ class Ida:
         )  # fmt: skip
         self._jacobian = ctypes.CFUNCTYPE(FLAG, NUMBER, NUMBER, *[ADDRESS] * 8)(self._fill)
         for name, *arguments in (
-            ("IDAInit", ADDRESS(code.address("residual")), NUMBER(0.0), y, y_dot),
+            ("IDAInit", ADDRESS(code.address("residual")), NUMBER(start), y, y_dot),
             ("IDASetUserData", ADDRESS(self._work.ctypes.data)),
             ("IDASVtolerances", NUMBER(rtol), tolerances),
             ("IDASetLinearSolver", solver, matrix),
@@ -86,7 +89,7 @@ class Ida:
             ("IDASetMaxNumSteps", ctypes.c_long(ONE_STEP_LIMIT)),
         ):
             _check(_function(name)(self._memory, *arguments))
-        self._t = NUMBER(0.0)
+        self._t = NUMBER(start)
         self._step = _function("IDASolve"), ctypes.byref(self._t), y, y_dot, FLAG(ONE_STEP)
 
     def __enter__(self) -> "Ida":

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.fuzz.cases import page
 
 PUBLISHED = Path(__file__).parents[2] / "results" / "published" / "fuzz"
 
@@ -12,8 +13,27 @@ def test_a_sound_solver_ends_with_0(tmp_path, capsys):
     """Two mechanisms, no deviation: the page has the counts."""
     assert main(["fuzz", "rattle", "--mechanisms", "2", "--out", str(tmp_path), "--jobs", "1", "--json"]) == 0
     counts = json.loads(capsys.readouterr().out)["counts"]["rattle"]
-    assert sum(counts.values()) == 2
+    assert counts["trials"] == 2 and counts["deviations"] == 0
     assert "| rattle |" in (tmp_path / "README.md").read_text()
+
+
+def test_a_campaign_is_continued(tmp_path, capsys):
+    """Trials that are in the folder are not made again; a line that was cut off is."""
+    words = ["fuzz", "rattle", "rkmk_dopri5", "--in-turns", "--out", str(tmp_path), "--jobs", "1", "--json"]
+    main([*words, "--mechanisms", "2"])
+    log = tmp_path / "trials.jsonl"
+    lines = log.read_text().splitlines()
+    assert [json.loads(line)["outcome"]["solver"] for line in lines] == ["rattle", "rkmk_dopri5"]
+    log.write_text(lines[0].replace('"sound"', '"refused"') + "\n" + lines[1][:40])
+    capsys.readouterr()
+    main([*words, "--mechanisms", "3"])
+    counts = json.loads(capsys.readouterr().out)["counts"]
+    assert counts["all"]["trials"] == 3 and counts["rattle"]["refused"] == 1 and counts["rkmk_dopri5"]["trials"] == 1
+
+
+def test_the_published_page_is_that_of_its_summary_and_cases():
+    """A sentence and a table of the counts, the causes as they are kept with the cases."""
+    assert (PUBLISHED / "README.md").read_text() == page(PUBLISHED)
 
 
 def test_a_published_case_is_examined_again(capsys):

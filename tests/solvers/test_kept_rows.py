@@ -1,5 +1,6 @@
 """Redundant rows along a motion: those in use must not become dependent where all rows together do not."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,12 @@ import pytest
 import mbsbench
 from mbsbench import Status, StepControl, constraint_jacobian, make_problem
 from mbsbench.harness.catalogue.registry import make_solver
+from mbsbench.harness.execution.presenting import present_problem
 from mbsbench.harness.fuzz.cases import read_case
 from mbsbench.harness.fuzz.oracle import Kind
 from mbsbench.harness.fuzz.presenting import Form
+from mbsbench.harness.mechanics.presentation import Presentation
+from mbsbench.solvers.formulations import rows_in_use
 from mbsbench.solvers.formulations.rank import rows_to_keep
 
 FOUND = Path(mbsbench.__file__).parent / "results/published/fuzz/cvode-673.json"
@@ -36,9 +40,12 @@ def test_the_plane_loop_that_the_fuzzer_found_is_solved(solver):
     assert case.oracle.examine(solver).kind is Kind.SOUND
 
 
-@pytest.mark.parametrize("solver", ["cvode", "rk45_strong_form", "scipy_strong_form"])
+WATCHED = ("cvode", "rk45_strong_form", "scipy_strong_form", "ida_index1", "ida_index2", "ndf_index1", "radau_index1")
+
+
+@pytest.mark.parametrize("solver", WATCHED)
 @pytest.mark.parametrize("rotation", [(0.7, -0.4, 1.1), (-0.3, 2.0, 0.4)])
-def test_the_strong_form_changes_its_rows_where_those_in_use_wear_out(solver, rotation):
+def test_rows_are_changed_where_those_in_use_wear_out(solver, rotation):
     """Bricard's loop, turned: a reaction of the one self-stress crosses zero at 0.636 s, and none is safe for ever."""
     problem, form = make_problem("bricard"), Form(0, "fixed", rotation)
     true = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states[-1]
@@ -48,3 +55,35 @@ def test_the_strong_form_changes_its_rows_where_those_in_use_wear_out(solver, ro
         assert run.status is Status.SUCCESS
         errors.append(float(np.max(np.abs(run.states[-1].r - true.r))))
     assert errors[1] < 2e-4 and errors[1] < 0.2 * errors[0]
+
+
+def test_index_3_passes_where_rows_wear_out():
+    """Its end converges with the tolerance, more slowly than on index 1."""
+    problem, form = make_problem("bricard"), Form(0, "fixed", (0.7, -0.4, 1.1))
+    true = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states[-1]
+    errors = []
+    for rtol in (1e-6, 1e-8):
+        run = form.solve(make_solver("ida_index3"), problem, StepControl(rtol=rtol, cpu_limit=10.0))
+        assert run.status is Status.SUCCESS and any("rows chosen anew" in note for note in run.notes)
+        errors.append(float(np.max(np.abs(run.states[-1].r - true.r))))
+    assert errors[1] < 1e-3 and errors[1] < 0.2 * errors[0]
+
+
+@pytest.mark.parametrize("solver", ["ida_index1", "ida_index2", "ida_index3", "ndf_index1", "radau_index1"])
+def test_a_start_on_other_rows_keeps_the_time_of_a_drive(solver, monkeypatch):
+    """Begun anew every forty steps, a mechanism whose crank is a function of time ends where it ends without."""
+    problem = replace(make_problem("driven_slider_crank", {"t_end": 0.3}), presentation=Presentation(duplicate=1))
+    problem = present_problem(problem, StepControl(rtol=1e-8))[0]
+    control, ends = StepControl(rtol=1e-8, cpu_limit=20.0), []
+    for restarts in (False, True):
+        if restarts:
+            monkeypatch.setattr(rows_in_use, "EVERY", 40)
+            monkeypatch.setattr(rows_in_use, "WORN", 1e9)
+            monkeypatch.setattr(rows_in_use, "better_rows", lambda system, state, kept: kept.copy())
+        run = make_solver(solver).solve(problem, control)
+        assert run.status is Status.SUCCESS and any("anew" in note for note in run.notes) == restarts
+        assert np.all(np.diff(run.t) > 0.0)
+        ends.append(run.states[-1])
+    size = 1e-3 if solver == "ida_index3" else 1e-5
+    assert np.max(np.abs(ends[0].r - ends[1].r)) < size
+    assert np.max(np.abs(ends[0].v - ends[1].v)) < 100.0 * size

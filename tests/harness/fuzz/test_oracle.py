@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from mbsbench import JointKind
-from mbsbench.harness.fuzz.campaign import make_oracle, run_campaign
-from mbsbench.harness.fuzz.oracle import FINDINGS, Kind, Oracle
+from mbsbench.harness.fuzz.campaign import Settings, run_campaign
+from mbsbench.harness.fuzz.oracle import FINDINGS, Kind, Oracle, Verdict
 from mbsbench.harness.fuzz.shrinking import shrink_outcome
 
 from .broken import SOUND, Broken, NoProducts, OneLoop, YIsUp
@@ -18,7 +18,7 @@ WITH_DISTANCE = 102
 
 def make_short_oracle(number: int) -> Oracle:
     """Mechanism ``number`` for a fifth of its time."""
-    oracle = make_oracle(SEED, number)
+    oracle = Settings(SEED).oracle(number)
     return replace(oracle, mechanism=replace(oracle.mechanism, steps=STEPS))
 
 
@@ -35,7 +35,7 @@ def test_a_broken_solver_is_found_and_shrunk_to_three_bodies(solver: Broken):
     smallest, outcome = shrink_outcome(oracle, found, lambda o: o.examine("broken", solver), TRIALS)
     assert outcome.kind == found.kind
     assert len(smallest.mechanism.bodies) <= 3
-    assert smallest.confirm("broken", solver)
+    assert smallest.decide("broken", solver)[0] is Verdict.CONFIRMED
 
 
 def test_a_sound_solver_gives_no_finding_in_10_mechanisms():
@@ -48,15 +48,15 @@ def test_a_sound_solver_gives_no_finding_in_10_mechanisms():
 @pytest.mark.slow
 def test_a_sound_solver_gives_no_finding_in_a_campaign():
     """50 mechanisms, for all of their time, in a process apart."""
-    outcomes = list(run_campaign(SEED, [(n, SOUND) for n in range(50)], 1))
+    outcomes = list(run_campaign(Settings(SEED), [(n, SOUND) for n in range(50)], 1))
     assert [o.number for o in outcomes] == list(range(50))
     assert not [o for o in outcomes if o.kind in (*FINDINGS, Kind.CRASHED)]
     assert sum(o.kind is Kind.SOUND for o in outcomes) > 40
 
 
-def test_the_evidence_of_no_fault_is_empty():
+def test_what_is_sound_is_dismissed():
     """What is sound cannot be confirmed as a deviation."""
-    assert make_short_oracle(1).confirm(SOUND) == ""
+    assert make_short_oracle(1).decide(SOUND)[0] is Verdict.DISMISSED
 
 
 @pytest.mark.skipif(importlib.util.find_spec("mujoco") is None, reason="mujoco is an optional extra")
