@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
-from ..reference.computed import BUDGET, reference_of
+from ..reference.computed import LARGEST, reference_of
 from ..results.naming import format_name
 from ..sandbox.apart import TICK, Apart
 from ..suites.spec import RunSpec
@@ -120,7 +120,7 @@ def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda:
             send(json.dumps({name: time.monotonic() - began}))
 
     times: dict[str, float] = {}
-    for line in Apart(run, limit=3.0 * BUDGET * max(len(jobs), 1), memory=MEMORY).wait(unwanted).sent.splitlines():
+    for line in Apart(run, limit=6.0 * LARGEST * max(len(jobs), 1), memory=MEMORY).wait(unwanted).sent.splitlines():
         times |= json.loads(line)
     return times
 

@@ -34,9 +34,11 @@ from .pushes import PUSHES
 WORST, AGREED = 1e-3, 1e-10  # of the reach
 FAR = 1e-12  # of the distance from the origin, whose rounding no tolerance gets below
 LEVELS = ((1e-11, 1e-10), (1e-13, 1e-12))  # tolerance of route 1, correction of route 2
-BUDGET = 60.0  # [s] by the cost model, not by the clock: the horizon must not depend on the machine and its load
-FEWEST = 300  # steps of route 2 that the budget must pay: of larger systems too little would be known
+BUDGET = 4.0  # [s] by the cost model, not by the clock: the horizon must not depend on the machine and its load
+FEWEST = 300  # steps of route 2 that any budget pays, up to ``LARGEST``: of larger systems too little would be known
+LARGEST = 40.0  # [s] by the cost model
 CHUNK = 16  # steps of route 2 between two projections
+SHORT = 4  # the same where rows are redundant: those in use, chosen there, may come to depend on each other
 
 
 @dataclass(frozen=True)
@@ -97,16 +99,21 @@ def is_computable(system: MultibodySystem) -> bool:
     """Whether the routes have its rows, and ``FEWEST`` steps fit the budget: up to about 60 bodies."""
     if not set(system.moving_rows().kind) <= PUSHES.keys() & ROWS.keys():
         return False
-    return FEWEST * 72 * cost(system)[1] < BUDGET
+    return _fewest(system) < LARGEST
+
+
+def _fewest(system: MultibodySystem) -> float:
+    """[s] that ``FEWEST`` steps take."""
+    return FEWEST * 72 * cost(system)[1]
 
 
 def cost(system: MultibodySystem) -> tuple[float, float]:
     """[s] of CPU for an evaluation of one state by either route, measured at 1 to 55 bodies (docs/decisions)."""
     n, nb = float(system.nrows), float(system.nb)
-    first = 4e-4 + 3e-11 * (6.0 * nb + n) * n**2
+    laws = 1e-4 * len(system.user_i)  # taken one by one, in Python
     redundant = n > 6.0 * nb - 1.0  # to be known before any state is: chains of the catalogue have fewer rows
-    own = len(system.moving_rows().joint) + len(system.user_i)  # taken one by one
-    return first, 4e-5 + 2e-5 * nb + 3e-5 * own + 1.2e-9 * nb * n**2 + (2.5e-10 if redundant else 5e-11) * n**3
+    first = 5e-5 + 7e-8 * nb * n + 3e-11 * n**3
+    return first + laws, 2.5e-5 + 1.2e-7 * nb * n + (2.5e-10 if redundant else 5e-11) * n**3 + 0.25 * laws
 
 
 def compute_reference(problem: Problem) -> ComputedReference | None:
@@ -158,6 +165,8 @@ class _Motion:
 
     def __post_init__(self) -> None:
         self.first, self.second = NewtonEuler(self.system), Directors(self.system)
+        self.first.compile()
+        self.second.compile()
         self.radius = self.system.gyration
         sines = [a[a[:, 4] != 0.0, 5] for a in (self.system.joint_motion, self.system.load_factor)]
         self.frequency = float(np.max(np.abs(np.concatenate(sines)), initial=0.0))
@@ -173,15 +182,16 @@ class _Motion:
             begin, speed, turn = self.first.states(y[None]), 0.0, 0.0
             t, span = 0.0, self.t_end
             while t < self.t_end:
+                most = CHUNK if len(self.first.rows) == self.first.nrows else SHORT
                 speed, turn = self._speeds(y, speed, turn)
                 span = min(self.t_end - t, 4.0 * span if t else 0.25 / turn)
                 where = max(self.size, 0.1 * float(np.max(np.abs(y[: 3 * self.system.nb]))))
                 units = (where, speed, turn)
                 piece = orbit.chunk(
                     pair, (t, y, z), span, tolerance, correction,
-                    (self.first.units(*units), self.second.units(*units)),
+                    (self.first.units(*units), self.second.units(*units)), most,
                 )  # fmt: skip
-                t, span = piece.t, min(span, CHUNK / 4.0 * span / len(piece.nodes))
+                t, span = piece.t, min(span, most / 4.0 * span / len(piece.nodes))
                 self.reach = max(self.reach, self._apart(begin, self.first.states(piece.y[None])))
                 yield piece
                 y, z = self.first.restarted(piece.y), self.second.restarted(piece.z)
@@ -227,7 +237,7 @@ class _Motion:
 
 def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbit | None:
     """The orbit of the first level on which both routes agree to the end; else the one that reaches furthest."""
-    left, best = BUDGET, None
+    left, best = max(BUDGET, 2.0 * _fewest(system)), None
     for level, (tolerance, correction) in enumerate(LEVELS):
         motion = _Motion(system, start, t_end, left)
         share = WORST if level == len(LEVELS) - 1 else AGREED

@@ -2,7 +2,8 @@
 
 The mass matrix is constant, rigidity is six constraints a body (d_a . d_b = delta_ab), and a pin is linear in the
 coordinates: no angular velocity, no cross product and no gyroscopic term appears anywhere. The rigidity is eliminated
-body by body; the joints by S = J C J^T, of redundant rows within the span of its eigenvectors at the start of a step.
+body by body; the joints by S = J H^-1 J^T, of redundant rows within the span of its eigenvectors at the start of a
+step, or beside H in one matrix where a principal inertia is small.
 States may be stacked along a first axis: extrapolation evaluates its columns together.
 """
 
@@ -15,9 +16,16 @@ from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.time_functions import values
 from .director_rows import ROWS, Joint, Row
+from .tape import Tape
 
 RANK = 1e-11  # of the largest eigenvalue of S, whose small ones are squares of singular values
 PAIRS = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])  # of directors: the rigidity constraints
+EVEN, SKEW = np.zeros((6, 3, 3)), np.zeros((3, 3, 3))
+for _k, (_a, _b) in enumerate(PAIRS):
+    EVEN[_k, [_a, _b], [_b, _a]] = 0.5
+for _k in range(3):
+    SKEW[_k, _k - 2, _k - 1], SKEW[_k, _k - 1, _k - 2] = 1.0, -1.0
+LIGHT = 1e-5  # of the largest principal inertia: then forces must not be weighed by the inverse of the smallest
 SWEEPS = 5
 
 
@@ -29,10 +37,9 @@ class Directors:
 
     def __post_init__(self) -> None:
         s = self.system
-        E = _second_moments(s.regular_inertia)  # singular for a thin disc
-        self.scale = np.einsum("bii->b", E)
-        self.saddle = np.zeros((s.nb, 15, 15))
-        self.saddle[:, :9, :9] = np.kron(E / self.scale[:, None, None], np.eye(3))
+        sizes = np.linalg.eigvalsh(s.regular_inertia)
+        self.light = bool(np.any(sizes[:, 0] < LIGHT * sizes[:, 2]))
+        self.moments = _second_moments(s.regular_inertia)  # singular for a thin disc
         self.pinned, self.point = s.point_rows()
         self.line, self.axis = s.line_rows(), s.axis_rows()
         self.link = self.line.length > 0.0
@@ -45,6 +52,7 @@ class Directors:
             for c in range(3):
                 self.pins[self.point[m, c], b] = sign * weights[:, :, None] * np.eye(3)[c]
         self.range: np.ndarray | None = None  # of S (rows, rank); found when next needed
+        self._tape: Tape | None = None
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector; d_a is column a of R."""
@@ -69,26 +77,41 @@ class Directors:
 
     def rate(self, z: Float[np.ndarray, "nt coordinates"]) -> Float[np.ndarray, "nt coordinates"]:
         """d/dt of states."""
-        nt = len(z)
+        nt, nb = len(z), self.system.nb
+        J, H, f, gap, Z, bend = self._terms(z) if self._tape is None else self._tape(z)
+        if len(self.system.user_i):
+            laws = self._laws(z)
+            f = f + np.concatenate((laws[:, :, :3], _times(np.swapaxes(Z, -1, -2), laws[:, :, 3:])), axis=2)
+        a = self._solve(J, H, f, gap)
+        a = np.concatenate((a[:, :, :3], bend + _times(Z, a[:, :, 3:])), axis=2)
+        return np.concatenate((z[:, 12 * nb : -1], a.reshape(nt, -1), np.ones((nt, 1))), axis=1)
+
+    def compile(self) -> None:
+        """Make ``rate`` fast."""
+        self._tape = Tape(lambda z: tuple(a[0] for a in self._terms(z[None])), 24 * self.system.nb + 1)
+
+    def _terms(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
+        """J of the freedoms (r_ddot, w), their mass matrix, forces without users' laws, J (r_ddot, w), Z and bend.
+
+        The directors' accelerations are bend + Z w: the first part keeps them rigid.
+        """
         x, x_dot = self._parts(z)
-        C, from_rigidity = self._compliance(x)
+        Z, P, H = self._freedoms(x)
         d_dot = x_dot[:, :, 1:]
-        curvature = -2.0 * np.sum(d_dot[:, :, PAIRS[:, 0]] * d_dot[:, :, PAIRS[:, 1]], axis=-1)
-        f, bend = self._forces(x, x_dot, z), np.matmul(from_rigidity, curvature[..., None])[..., 0]
+        bend = _times(P, -2.0 * np.sum(d_dot[:, :, PAIRS[:, 0]] * d_dot[:, :, PAIRS[:, 1]], axis=-1))
         rows = self._rows(x, x_dot, z[:, -1])
-        J = self._jacobian(x, rows)
-        a = np.matmul(C, f[..., None])[..., 0]
-        a[:, :, 3:] += bend
-        if self.nrows:
-            a = a + self._answer(J, C, self._curvature(x_dot, rows) - np.einsum("tkbi,tbi->tk", J, a))
-        return np.concatenate((x_dot.reshape(nt, -1), a.reshape(nt, -1), np.ones((nt, 1))), axis=1)
+        J, f = self._jacobian(x, rows), self._forces(x, x_dot, z)
+        E_bend = np.einsum("nab,tnbx->tnax", self.moments, bend.reshape(*bend.shape[:2], 3, 3))
+        f = np.concatenate((f[:, :, :3], _times(np.swapaxes(Z, -1, -2), f[:, :, 3:] - E_bend.reshape(bend.shape))), 2)
+        gap = self._curvature(x_dot, rows) - np.sum(J[..., 3:] * bend[:, None], axis=(2, 3))
+        return self._of_freedoms(J, Z), H, f, gap, Z, bend
 
     def choose_rows(self) -> None:
         """Anew at the next state, for which rows depend on each other turns with the bodies."""
         self.range = None
 
     def restarted(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
-        """The nearest state that is rigid and satisfies the joints, by Newton steps along C J^T."""
+        """The nearest state that is rigid and satisfies the joints, by Newton steps along H^-1 J^T."""
         self.choose_rows()
         x, x_dot = self._parts(z[None].copy())
         for _ in range(SWEEPS):
@@ -98,53 +121,85 @@ class Directors:
             phi = self._phi(x, rows)
             if np.max(np.abs(phi), initial=0.0) < 1e-15:
                 break
-            x = x - self._answer(self._jacobian(x, rows), self._compliance(x)[0], phi).reshape(x.shape)
-        C, from_rigidity = self._compliance(x)
+            x = x - self._change(x, rows, phi).reshape(x.shape)
+        P = self._freedoms(x)[1]
         stretch = sum(np.sum(x[:, :, 1 + PAIRS[:, k]] * x_dot[:, :, 1 + PAIRS[:, 1 - k]], axis=-1) for k in (0, 1))
         flat = x_dot.reshape(1, -1, 12).copy()
-        flat[:, :, 3:] -= np.einsum("tbij,tbj->tbi", from_rigidity, stretch)
+        flat[:, :, 3:] -= _times(P, stretch)
         if self.nrows:
             rows = self._rows(x, x_dot, z[-1:])
             J, speed = self._jacobian(x, rows), np.zeros((1, self.nrows))
             for k, _, row in rows:
                 speed[:, k] = row.speed
-            flat = flat - self._answer(J, C, np.einsum("tkbi,tbi->tk", J, flat) - speed)
+            flat = flat - self._change(x, rows, np.einsum("tkbi,tbi->tk", J, flat) - speed)
         return np.concatenate((x.ravel(), flat.ravel(), z[-1:]))
 
     def _parts(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, x_dot = np.split(z[:, :-1].reshape(len(z), 2, -1, 4, 3), 2, axis=1)
         return x[:, 0], x_dot[:, 0]
 
-    def _compliance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations per force of a rigid body (nt, nb, 12, 12), and of the directors per rigidity curvature."""
-        nt, s = len(x), self.system
-        saddle = np.broadcast_to(self.saddle, (nt, *self.saddle.shape)).copy()
-        for row, (a, b) in enumerate(PAIRS):
-            for one, other in ((a, b), (b, a)):
-                saddle[:, :, 9 + row, 3 * one : 3 * one + 3] += x[:, :, 1 + other]
-        saddle[:, :, :9, 9:] = np.swapaxes(saddle[:, :, 9:, :9], -1, -2)
-        inverse = np.linalg.inv(saddle)
-        C = np.zeros((nt, s.nb, 12, 12))
-        C[:, :, range(3), range(3)] = 1.0 / s.mass[:, None]
-        C[:, :, 3:, 3:] = inverse[:, :, :9, :9] / self.scale[:, None, None]
-        return C, inverse[:, :, :9, 9:]
+    def _freedoms(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Z (nt, nb, 9, 3) and P (nt, nb, 9, 6) of the directors; the mass matrix of (r, w) or its inverse, by bodies.
 
-    def _answer(self, J: np.ndarray, C: np.ndarray, gap: np.ndarray) -> np.ndarray:
-        """C J^T lam (nt, nb, 12) with J C J^T lam = ``gap``."""
-        nt, rows = gap.shape
-        CJ = np.swapaxes(np.swapaxes(J, 1, 2) @ C, 1, 2)
-        S = CJ.reshape(nt, rows, -1) @ np.swapaxes(J.reshape(nt, rows, -1), 1, 2)
+        d_a_ddot = Y_ac e_c with e_a . d_b = delta_ab: rigidity gives the even part of Y whatever the directors,
+        P times their curvature; Z w is its skew part.
+        """
+        nt, s = len(x), self.system
+        e = _duals(x[:, :, 1:])
+        Z, P = (np.einsum("kac,tncx->tnaxk", parts, e) for parts in (SKEW, EVEN))
+        EZ = np.einsum("nab,tnbxk->tnaxk", self.moments, Z).reshape(nt, s.nb, 9, 3)
+        Z, P = Z.reshape(nt, s.nb, 9, 3), P.reshape(nt, s.nb, 9, 6)
+        turning = np.matmul(np.swapaxes(Z, -1, -2), EZ)
+        H = np.zeros((nt, s.nb, 6, 6), x.dtype)
+        H[:, :, range(3), range(3)] = s.mass[:, None] if self.light else 1.0 / s.mass[:, None]
+        H[:, :, 3:, 3:] = turning if self.light else _duals(turning)  # symmetric: its duals are its inverse
+        return Z, P, H
+
+    def _of_freedoms(self, J: np.ndarray, Z: np.ndarray) -> np.ndarray:
+        return np.concatenate((J[..., :3], np.matmul(J[..., None, 3:], Z[:, None])[..., 0, :]), axis=-1)
+
+    def _change(self, x: np.ndarray, rows: list[tuple[int, int, Row]], gap: np.ndarray) -> np.ndarray:
+        """The least change of x (nt, nb, 12) that closes ``gap``."""
+        Z, _, H = self._freedoms(x)
+        a = self._solve(self._of_freedoms(self._jacobian(x, rows), Z), H, np.zeros((len(x), self.system.nb, 6)), gap)
+        return np.concatenate((a[:, :, :3], _times(Z, a[:, :, 3:])), axis=2)
+
+    def _solve(self, J: np.ndarray, H: np.ndarray, f: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """a (nt, nb, 6) with J a = ``gap`` and H a = ``f`` + J^T lam."""
+        nt, rows, n = *gap.shape, 6 * self.system.nb
+        J = J.reshape(nt, rows, n)
+        if self.light:
+            even = 1.0 / np.linalg.norm(J, axis=2)
+            V = self._choose(even[:, :, None] * (J @ np.swapaxes(J, 1, 2)) * even[:, None]) if rows else np.eye(0)
+            B = V.T @ (even[:, :, None] * J)
+            K = np.zeros((nt, n + V.shape[1], n + V.shape[1]))
+            for b in range(self.system.nb):
+                K[:, 6 * b : 6 * b + 6, 6 * b : 6 * b + 6] = H[:, b]
+            K[:, n:, :n], K[:, :n, n:] = B, np.swapaxes(B, 1, 2)
+            wanted = np.concatenate((f.reshape(nt, n), (even * gap) @ V), axis=1)
+            return np.linalg.solve(K, wanted[..., None])[:, :n].reshape(f.shape)
+        a = _times(H, f)
+        if not rows:
+            return a
+        gap = gap - _times(J, a.reshape(nt, n))
+        JH = np.matmul(J.reshape(nt, rows, -1, 1, 6), H[:, None]).reshape(nt, rows, n)
+        S = JH @ np.swapaxes(J, 1, 2)
         even = 1.0 / np.sqrt(np.einsum("tkk->tk", S))  # rows of like size, whatever the masses
         S, gap = even[:, :, None] * S * even[:, None], even * gap
-        if self.range is None:
-            size, vectors = np.linalg.eigh(S[0])
-            self.range = np.eye(rows) if size[0] > RANK * size[-1] else vectors[:, size > RANK * size[-1]]
-        V = self.range  # combinations of rows from which all others follow
+        V = self._choose(S)
         if V.shape[1] < rows:
             lam = np.linalg.solve(V.T @ S @ V, (gap @ V)[..., None])[..., 0] @ V.T
         else:
             lam = np.linalg.solve(S, gap[..., None])[..., 0]
-        return np.matmul((even * lam)[:, None], CJ.reshape(nt, rows, -1)).reshape(nt, -1, 12)
+        return a + np.matmul((even * lam)[:, None], JH).reshape(f.shape)
+
+    def _choose(self, S: np.ndarray) -> np.ndarray:
+        """Combinations of rows (rows, rank) from which all others follow."""
+        if self.range is None:
+            size, vectors = np.linalg.eigh(S[0])
+            whole = size[0] > RANK * size[-1]
+            self.range = np.eye(len(size)) if whole else vectors[:, size > RANK * size[-1]]
+        return self.range
 
     def _point(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
         """r + sum_a p_a d_a of points ``p`` of bodies (nt, n, 3); of the ground ``p`` itself."""
@@ -204,7 +259,7 @@ class Directors:
     def _jacobian(self, x: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
         """J (nt, nrows, nb, 12)."""
         s, axis, line = self.system, self.axis, self.line
-        J = np.repeat(self.pins[None], len(x), axis=0)
+        J = np.repeat(self.pins[None], len(x), axis=0).astype(x.dtype)
         u, n = self._axes(x)
         for body, own, other in ((s.joint_i[axis.joint], axis.u, n), (s.joint_j[axis.joint], axis.n, u)):
             m = np.flatnonzero(body != GROUND)
@@ -228,7 +283,7 @@ class Directors:
     def _curvature(self, x_dot: np.ndarray, rows: list[tuple[int, int, Row]]) -> np.ndarray:
         """J x_ddot for phi_ddot = 0: a pin has none."""
         s, axis, line = self.system, self.axis, self.line
-        out = np.zeros((len(x_dot), self.nrows))
+        out = np.zeros((len(x_dot), self.nrows), x_dot.dtype)
         ends = (s.joint_i[axis.joint], axis.u), (s.joint_j[axis.joint], axis.n)
         u, n = (_of_ground(self._along(x_dot, body, p), body, np.zeros_like(p)) for body, p in ends)
         out[:, axis.row] = -2.0 * np.sum(u * n, axis=-1)
@@ -244,7 +299,7 @@ class Directors:
     def _forces(self, x: np.ndarray, x_dot: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Generalised forces (nt, nb, 12): F on r and p_a F on d_a for a force F at the point p."""
         s = self.system
-        Q = np.zeros((len(x), s.nb + 1, 4, 3))
+        Q = np.zeros((len(x), s.nb + 1, 4, 3), x.dtype)
         Q[:, :-1, 0] = s.mass[:, None] * s.gravity
         if len(s.spring_k):
             rest = np.zeros_like(s.spring_p_i)
@@ -264,15 +319,19 @@ class Directors:
             Q[:, body, 1:] += _couple(T, x[:, body, 1:])
         for k in range(len(s.torsion_k)):
             self._twist(Q, x, x_dot, k)
-        if len(s.user_i):
-            here = self.states(z)
-            for i, j, law in zip(s.user_i, s.user_j, s.user_law, strict=True):
-                push = law.values(here, i, j)
-                for end, body in enumerate((i, j)):
-                    if body != GROUND:
-                        Q[:, body, 0] += push[:, end]
-                        Q[:, body, 1:] += _couple(push[:, 2 + end], x[:, body, 1:])
         return Q[:, :-1].reshape(len(x), s.nb, 12)
+
+    def _laws(self, z: np.ndarray) -> np.ndarray:
+        """What users' laws add to the forces."""
+        s, here, x = self.system, self.states(z), self._parts(z)[0]
+        Q = np.zeros_like(x)
+        for i, j, law in zip(s.user_i, s.user_j, s.user_law, strict=True):
+            push = law.values(here, i, j)
+            for end, body in enumerate((i, j)):
+                if body != GROUND:
+                    Q[:, body, 0] += push[:, end]
+                    Q[:, body, 1:] += _couple(push[:, 2 + end], x[:, body, 1:])
+        return Q.reshape(len(x), s.nb, 12)
 
     def _twist(self, Q: np.ndarray, x: np.ndarray, x_dot: np.ndarray, k: int) -> None:
         """A torsional spring by the derivatives of theta = atan2(q, p), p = u . e, q = u . b, for the directors."""
@@ -300,6 +359,19 @@ class Directors:
         if s.load_follows[k]:
             return tuple(np.einsum("a,tac->tc", a, d) for a in both)  # type: ignore[return-value]
         return tuple(np.broadcast_to(a, (len(x), 3)) for a in both)  # type: ignore[return-value]
+
+
+def _duals(d: np.ndarray) -> np.ndarray:
+    """e_a (..., 3, 3) with e_a . d_b = delta_ab."""
+    across = np.cross(d[..., [1, 2, 0], :], d[..., [2, 0, 1], :])
+    out: np.ndarray = across / np.sum(across[..., :1, :] * d[..., :1, :], axis=-1, keepdims=True)
+    return out
+
+
+def _times(a: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Matrices times vectors."""
+    out: np.ndarray = np.matmul(a, x[..., None])[..., 0]
+    return out
 
 
 def _couple(T: np.ndarray, d: np.ndarray) -> np.ndarray:

@@ -18,8 +18,11 @@ from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.time_functions import values
 from .pushes import PUSHES, Body, Joint, Push, cross
+from .tape import Tape
 
 RANK = 1e-9  # of the largest pivot
+LIGHT = 1e-5  # of the largest principal inertia: then M^-1 is too uneven to weigh forces by
+SAME = 1e-15  # of the largest principal inertia: differences by rounding
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 SWEEPS = 5  # of Gauss-Newton; drift between two starts is near rounding, where two are enough
 
@@ -35,10 +38,15 @@ class NewtonEuler:
         s = self.system
         self.nrows = s.nrows
         self.rows = np.arange(s.nrows)
-        self.inertia = s.regular_inertia
-        self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies
-        self.weight[:, range(3), range(3)] = 1.0 / s.mass[:, None]
-        self.weight[:, 3:, 3:] = np.linalg.inv(self.inertia)
+        sizes, self.principal = np.linalg.eigh(s.regular_inertia)
+        self.principal[:, :, 2] *= np.linalg.det(self.principal)[:, None]  # right-handed
+        apart = np.roll(sizes, -1, axis=1) - np.roll(sizes, -2, axis=1)
+        self.apart = np.where(np.abs(apart) > SAME * sizes[:, 2:], apart, 0.0)  # J_2 - J_3, J_3 - J_1, J_1 - J_2
+        self.light = bool(np.any(sizes[:, 0] < LIGHT * sizes[:, 2]))
+        self.mass = np.zeros((s.nb, 6, 6))  # M by bodies
+        self.mass[:, range(3), range(3)] = s.mass[:, None]
+        self.mass[:, 3:, 3:] = s.regular_inertia
+        self.weight = np.linalg.inv(self.mass)
         self.pinned, self.point = s.point_rows()
         self.line, self.axis = s.line_rows(), s.axis_rows()
         # body, arm, sign; the moving ones of the pinned joints, of the line rows and of the axis rows
@@ -47,6 +55,7 @@ class NewtonEuler:
             moving = [np.flatnonzero(end[j] != GROUND) for j in (self.pinned, self.line.joint, self.axis.joint)]
             self.ends.append((end, arm, sign, *moving))
         self.moving = s.moving_rows()
+        self._tape: Tape | None = None
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector."""
@@ -66,18 +75,25 @@ class NewtonEuler:
     def rate(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """d/dt of a state."""
         s = self.system
+        A, gamma, f, q_dot, v = self._terms(y) if self._tape is None else (a[0] for a in self._tape(y[None]))
+        if len(s.user_i):
+            f = f + self._laws(y)
+        a = self._solve(A, f, gamma)
+        return np.concatenate((v, q_dot, a[:, :3].ravel(), a[:, 3:].ravel(), [1.0]))
+
+    def compile(self) -> None:
+        """Make ``rate`` fast."""
+        self._tape = Tape(self._terms, 13 * self.system.nb + 1)
+
+    def _terms(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
+        """A, gamma, f without users' laws, q_dot and r_dot."""
         r, q, v, Omega = (a[0] for a in self._parts(y[None]))
         R = _matrices(q)
-        f = self._forces(r, R, v, Omega, y[-1])
         pushes = self._pushes(r, R, v, Omega, y[-1])
-        A, gamma = self._jacobian(r, R, pushes)[self.rows], self._gamma(r, R, v, Omega, pushes)[self.rows]
-        WA = np.matmul(A.reshape(len(A), s.nb, 1, 6), self.weight).reshape(A.shape)
-        a = np.matmul(self.weight, f[..., None])[..., 0]
-        if len(self.rows):
-            a -= (np.linalg.solve(A @ WA.T, A @ a.ravel() - gamma) @ WA).reshape(s.nb, 6)
+        A, gamma = self._jacobian(r, R, pushes), self._gamma(r, R, v, Omega, pushes)
         vector, w = q[:, :3], q[:, 3:]
         q_dot = 0.5 * np.concatenate((w * Omega + _cross(vector, Omega), -np.sum(vector * Omega, 1)[:, None]), axis=1)
-        return np.concatenate((v.ravel(), q_dot.ravel(), a[:, :3].ravel(), a[:, 3:].ravel(), [1.0]))
+        return A, gamma, self._forces(r, R, v, Omega, y[-1]), q_dot.ravel(), v.ravel()
 
     def restarted(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest consistent state; the rows in use are chosen anew there."""
@@ -95,12 +111,12 @@ class NewtonEuler:
                 phi, A, _ = self._rows_at(r, _matrices(q), v, Omega, y[-1])
                 if np.max(np.abs(phi)) < 1e-15:
                     break
-                change = self._least_change(A, phi)
+                change = self._solve(A, np.zeros((s.nb, 6)), phi)
                 r -= change[:, :3]
                 q = (Rotation.from_quat(q) * Rotation.from_rotvec(-change[:, 3:])).as_quat()
             both = np.concatenate((v, Omega), axis=1)
             _, A, phi_t = self._rows_at(r, _matrices(q), v, Omega, y[-1])
-            both -= self._least_change(A, A @ both.ravel() + phi_t)
+            both -= self._solve(A, np.zeros((s.nb, 6)), A @ both.ravel() + phi_t)
             v, Omega = both[:, :3], both[:, 3:]
         return np.concatenate([*(a.ravel() for a in (r, q, v, Omega)), y[-1:]])
 
@@ -111,10 +127,19 @@ class NewtonEuler:
         phi[self.system.turning_rows] *= np.max(self.system.gyration)
         return float(np.max(phi, initial=0.0))
 
-    def _least_change(self, A: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        A = A[self.rows]
-        WA = np.matmul(A.reshape(len(A), self.system.nb, 1, 6), self.weight).reshape(A.shape)
-        return (np.linalg.solve(A @ WA.T, wanted[self.rows]) @ WA).reshape(-1, 6)
+    def _solve(self, A: np.ndarray, f: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """a (nb, 6) with A a = ``wanted`` in the rows in use and M a + A^T lam = ``f``."""
+        A, wanted, n = A[self.rows], wanted[self.rows], 6 * self.system.nb
+        if self.light:
+            even = 1.0 / np.linalg.norm(A, axis=1)
+            A = even[:, None] * A
+            K = np.block([[sl.block_diag(*self.mass), A.T], [A, np.zeros((len(A), len(A)))]])
+            return np.linalg.solve(K, np.concatenate((f.ravel(), even * wanted)))[:n].reshape(-1, 6)
+        a = np.matmul(self.weight, f[..., None])[..., 0]
+        if len(A):
+            WA = np.matmul(A.reshape(len(A), -1, 1, 6), self.weight).reshape(A.shape)
+            a -= (np.linalg.solve(A @ WA.T, A @ a.ravel() - wanted) @ WA).reshape(-1, 6)
+        return a
 
     def _parts(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
         nb = self.system.nb
@@ -143,7 +168,7 @@ class NewtonEuler:
         """Moving rows at ``t`` [s]: row of phi, joint, what it does."""
         s, out = self.system, []
         for k, row, kind in zip(*self.moving, strict=True):
-            f, f_dot, f_ddot = (float(a[0, 0]) for a in values(s.joint_motion[k : k + 1], np.array([t])))
+            f, f_dot, f_ddot = (a[0, 0] for a in values(s.joint_motion[k : k + 1], np.array([t])))
             p = Joint(s.joint_s_i[k], s.joint_s_j[k], s.joint_u[k], s.joint_n[k], s.joint_length[k], (f, f_dot, f_ddot))
             rows = PUSHES[kind](*self._bodies(r, R, v, Omega, k), p)
             out += [(row + n, int(k), push) for n, push in enumerate(rows)]
@@ -165,7 +190,7 @@ class NewtonEuler:
     def _gap(self, r: np.ndarray, R: np.ndarray, joints: np.ndarray) -> np.ndarray:
         """d of some joints (m, 3)."""
         at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
-        d = np.zeros((len(joints), 3))
+        d = np.zeros((len(joints), 3), r.dtype)
         for body, arm, sign, *_ in self.ends:
             d += sign * (at[body[joints]] + np.einsum("jab,jb->ja", turned[body[joints]], arm[joints]))
         return d
@@ -189,7 +214,7 @@ class NewtonEuler:
     def _jacobian(self, r: np.ndarray, R: np.ndarray, pushes: list[tuple[int, int, Push]]) -> np.ndarray:
         """A (nrows, 6 nb) of phi_dot = A (r_dot, Omega)."""
         s, turned = self.system, _with_ground(R, np.eye(3))
-        A = np.zeros((self.nrows, s.nb, 6))
+        A = np.zeros((self.nrows, s.nb, 6), r.dtype)
         torque = _cross(*self._axes(turned))
         way, x = self._ways(r, R) if len(self.line.row) else (np.zeros((0, 3)),) * 2
         for end, arm, sign, pins, lines, axes in self.ends:
@@ -216,8 +241,8 @@ class NewtonEuler:
         """What A (r_ddot, Omega_dot) has to be for phi_ddot = 0."""
         s = self.system
         turned, omega = _with_ground(R, np.eye(3)), _with_ground(np.einsum("bij,bj->bi", R, Omega), np.zeros(3))
-        out = np.zeros(self.nrows)
-        bend, rate = np.zeros((2, s.nj, 3))  # of d: what v_dot and Omega_dot do not give of d_ddot, and d_dot
+        out = np.zeros(self.nrows, r.dtype)
+        bend, rate = np.zeros((2, s.nj, 3), r.dtype)  # of d: what v_dot and Omega_dot do not give of d_ddot, and d_dot
         for body, arm, sign, *_ in self.ends:
             w, p = omega[body], np.einsum("jab,jb->ja", turned[body], arm)
             bend += sign * _cross(w, _cross(w, p))
@@ -243,17 +268,18 @@ class NewtonEuler:
     def _forces(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray, t: float) -> np.ndarray:
         """f (nb, 6): forces [space], torques about C less Omega x J Omega [body]."""
         s = self.system
-        f = np.zeros((s.nb + 1, 6))
+        f = np.zeros((s.nb + 1, 6), r.dtype)
         f[:-1, :3] = s.mass[:, None] * s.gravity
-        f[:-1, 3:] = _cross(np.einsum("bij,bj->bi", self.inertia, Omega), Omega)
+        w = np.einsum("bji,bj->bi", self.principal, Omega)  # no rounding of J Omega about an axis of little inertia
+        f[:-1, 3:] = np.einsum("bij,bj->bi", self.principal, self.apart * w.take(_YZX, -1) * w.take(_ZXY, -1))
         if len(s.spring_k):
             at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
             v_C, spin = _with_ground(v, np.zeros(3)), _with_ground(Omega, np.zeros(3))
-            d, d_dot = np.zeros((2, len(s.spring_k), 3))
+            d, d_dot = np.zeros((2, len(s.spring_k), 3), r.dtype)
             for b, p, sign in ((s.spring_i, s.spring_p_i, 1.0), (s.spring_j, s.spring_p_j, -1.0)):
                 d += sign * (at[b] + np.einsum("jab,jb->ja", turned[b], p))
                 d_dot += sign * (v_C[b] + np.einsum("jab,jb->ja", turned[b], _cross(spin[b], p)))
-            length = np.linalg.norm(d, axis=1)
+            length = np.sqrt(np.sum(d * d, axis=1))
             pull = s.spring_k * (length - s.spring_d0) + s.spring_c * np.sum(d * d_dot, axis=1) / length
             F = -(pull / length)[:, None] * d
             for b, p, sign in ((s.spring_i, s.spring_p_i, 1.0), (s.spring_j, s.spring_p_j, -1.0)):
@@ -278,14 +304,17 @@ class NewtonEuler:
             T = -(s.torsion_k * angle + s.torsion_c * rate)[:, None] * m
             for body, sign in ((s.torsion_i, 1.0), (s.torsion_j, -1.0)):
                 np.add.at(f[:, 3:], body, sign * np.einsum("jab,ja->jb", turned[body], T))
-        if len(s.user_i):
-            here = States(r[None], R[None], v[None], Omega[None], np.array([t]))
-            for i, j, law in zip(s.user_i, s.user_j, s.user_law, strict=True):
-                F_i, F_j, T_i, T_j = law.values(here, i, j)[0]
-                for body, F, T in ((i, F_i, T_i), (j, F_j, T_j)):
-                    if body != GROUND:
-                        f[body] += np.concatenate((F, R[body].T @ T))
         return f[:-1]
+
+    def _laws(self, y: np.ndarray) -> np.ndarray:
+        """What users' laws add to f."""
+        here, f = self.states(y[None]), np.zeros((self.system.nb, 6))
+        for i, j, law in zip(self.system.user_i, self.system.user_j, self.system.user_law, strict=True):
+            F_i, F_j, T_i, T_j = law.values(here, i, j)[0]
+            for body, F, T in ((i, F_i, T_i), (j, F_j, T_j)):
+                if body != GROUND:
+                    f[body] += np.concatenate((F, here.R[0, body].T @ T))
+        return f
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -300,7 +329,7 @@ def _with_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
 
 def _matrices(q: np.ndarray) -> np.ndarray:
     """Rotations (nb, 3, 3) of quaternions (x, y, z, w) near unit length, normalised."""
-    x, y, z, w = (q / np.linalg.norm(q, axis=1)[:, None]).T
+    x, y, z, w = (q / np.sqrt(np.sum(q * q, axis=1))[:, None]).T
     return np.stack(
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
          2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),

@@ -92,9 +92,12 @@ class Piece:
 
 def chunk(
     pair: Pair, at: tuple[float, np.ndarray, np.ndarray], span: float, tolerance: float, correction: float,
-    units: tuple[np.ndarray | float, np.ndarray | float] = (1.0, 1.0),
+    units: tuple[np.ndarray | float, np.ndarray | float] = (1.0, 1.0), steps: float = 64.0,
 ) -> Piece:  # fmt: skip
-    """Both routes over ``span`` [s] from (t, y, z) in ``units`` of y and z; ArithmeticError if one cannot."""
+    """Both routes over ``span`` [s] from (t, y, z) in ``units`` of y and z; ArithmeticError if one cannot.
+
+    Route 2 tries as many ``steps`` first.
+    """
     t, y, end = at
     piece: Any = solve_ivp(
         lambda _, y: pair.first(y), (0.0, span), y, "DOP853",
@@ -103,10 +106,10 @@ def chunk(
     if not piece.success:
         raise ArithmeticError(piece.message)
     nodes = []
-    for s, end in gbs_adaptive(pair.second, at[2], span, correction * units[1], span / 64.0, pair.begin):
+    for s, end in gbs_adaptive(pair.second, at[2], span, correction * units[1], span / steps, pair.begin):
         nodes.append((t + s, pair.disagreement(piece.sol(s), end)))
-    steps = [(t + p.t_old, p.y_old, p.F) for p in piece.sol.interpolants]
-    return Piece(t + span, piece.y[:, -1], end, steps, nodes)
+    taken = [(t + p.t_old, p.y_old, p.F) for p in piece.sol.interpolants]
+    return Piece(t + span, piece.y[:, -1], end, taken, nodes)
 
 
 def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | None:

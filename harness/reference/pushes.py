@@ -31,7 +31,7 @@ class Push(NamedTuple):
         bend = cross(i.omega, self.x_rate - i.v) - cross(j.omega, self.x_rate - j.v)
         seen = i.velocity(self.x) - j.velocity(self.x)
         turning = self.T_rate @ (i.omega - j.omega)
-        return float(self.F_rate @ seen + self.F @ bend + turning + self.phi_t_rate)
+        return self.F_rate @ seen + self.F @ bend + turning + self.phi_t_rate
 
 
 class Body(NamedTuple):
