@@ -16,7 +16,7 @@ from ...model.words import plural
 from ..base import Page, Site
 from ..judged import drifts, scorecard
 from ..judged.orders import certificates, ladders, verdict_mark
-from ..judgement import Judged, judged_or_published, links_of
+from ..judgement import Judged, links_of, read_judged_or_published
 from .card import QUANTITY, card_of
 
 CHIPS = 8  # runs named in a row; the problem's page has all
@@ -28,7 +28,7 @@ def write(results: Results, site: Site) -> Page | None:
     """``solvers.html``, and ``solver-<name>.html`` and ``badges/<name>.svg`` of every solver."""
     label = broadest(results)
     plain = {p.title for p in themselves(results, label)}
-    judged = [judged_or_published(results.folder, file) for file in FILES]
+    judged = [read_judged_or_published(results.folder, file) for file in FILES]
     picture = heat(results)
     follow = [f for p in (picture.problems if picture else ()) for f in list_followed(p)]
     costs = of_most_problems(broad(results, site.frontiers))
