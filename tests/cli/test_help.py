@@ -1,4 +1,4 @@
-"""What a newcomer types first: help, the version, the catalogue and one of its entries; cheap, and in one wording."""
+"""A newcomer's first commands: help, the version, the catalogue and one of its entries; cheap, and in one wording."""
 
 import json
 import subprocess
@@ -104,7 +104,7 @@ def test_a_certified_integration_is_not_called_exact(capsys, name):
 
 
 def test_waiting_is_said_in_one_wording():
-    """What is being done and how long is left; past the usual time, how long it has taken."""
+    """The work under way and how long is left; past the usual time, how long it has taken."""
     assert (
         describe_wait(COMPILING, 5.0)
         == "compiling kernels: about 20 s left (the first time only, not counted in any run)"
