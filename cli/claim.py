@@ -98,7 +98,7 @@ def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
         number = f"{claim_words.format_measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"
     if c.missing:
-        yield f"missing: {claim_words.missing(c)}"
+        yield f"missing: {claim_words.describe_missing(c)}"
     if words := claim_words.because(c):
         yield f"why: {words}"
     for name, values in c.settings.items():

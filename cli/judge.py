@@ -102,7 +102,7 @@ def show_claims(claims: Sequence[Claim], changed: list[Change], compared: bool, 
         numbers = (claim_words.format_measured(first), claim_words.band(first)) if first else ("", "")
         count = f"{sum(f.settings for f in c.findings)} of {sum(f.rows for f in c.findings)}"
         rows.append((c.id, claim_words.figures(c), format_verdict(c.paper), format_verdict(c.beyond), count,
-                     claim_words.missing(c) or numbers[0], numbers[1]))  # fmt: skip
+                     claim_words.describe_missing(c) or numbers[0], numbers[1]))  # fmt: skip
     below = [count_verdicts(claims)]
     below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
     if compared:

@@ -11,7 +11,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from ..harness.execution.eta import PREPARING, Estimate, durations, in_words, waiting
+from ..harness.execution.eta import PREPARING, Estimate, describe_wait, durations, in_words
 from ..harness.execution.job import Job
 from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Executor, Request, run_suite
@@ -91,7 +91,7 @@ class Watch:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            self._say(waiting(PREPARING, now - self.opened))
+            self._say(describe_wait(PREPARING, now - self.opened))
         if self.live is not None:
             self.live.update(Group(*self.foot(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:
@@ -130,7 +130,7 @@ class Watch:
             of = f" of about {in_words(guess)}" if guess is not None else ""
             lines.append(Text(f"  {now - since:.0f} s{of}: {job.spec.case}", "dim"))
         if self.warming:
-            lines.append(Text(f"  {waiting(PREPARING, now - self.opened)}", "dim"))
+            lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened)}", "dim"))
         for line in lines:
             line.no_wrap, line.overflow = True, "ellipsis"
         return lines

@@ -41,28 +41,28 @@ def run(arguments: argparse.Namespace) -> int:
 
     output = console()
 
-    def report(words: str, *, end: str = "\n") -> None:
+    def report(words: str, end: str) -> None:
         if not arguments.json and (end == "\n" or output.is_terminal):  # a pipe gets whole lines alone
             output.print(words, end=end)
 
     try:
-        outcome = solve_file.solve_to_file(spec, out, wall, report, problem)
+        record, native = solve_file.solve_to_file(spec, out, wall, report, problem)
     except (KeyboardInterrupt, SystemExit):
         error_console().print(f"interrupted; nothing was written to {out}")
         raise
-    good = Status(outcome.record.status).lawful
+    good = Status(record.status).lawful
     nearest = find_nearest(problem, out) if arguments.shadow else None
     if arguments.json:
-        plain = {**as_plain(outcome.record), **({} if nearest is None else {"nearest": nearest}), "out": str(out)}
+        plain = {**as_plain(record), **({} if nearest is None else {"nearest": nearest}), "out": str(out)}
         output.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
-    for line in summarize(outcome.record):
+    for line in summarize(record):
         output.print(line)
-    if outcome.native and not good:
-        output.print(f"standard error     {outcome.native.splitlines()[-1]}")
+    if native and not good:
+        output.print(f"standard error     {native.splitlines()[-1]}")
     if nearest:
         output.print(f"true motion        {nearest['words']}")
-    elif outcome.record.status == Status.INACCURATE:
+    elif record.status == Status.INACCURATE:
         output.print(f"true motion        how near one is: mbsbench shadow {out}")
     output.print(f"written to         {out}")
     return 0 if good else 1

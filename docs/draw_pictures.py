@@ -87,8 +87,8 @@ def draw_costs(results: Results) -> str:
     last: dict[str, Frontier] = {}
     for f in found:
         last[f.variant.partition("[")[0]] = f  # the spatial one of the pendulum's two
-    factors = [p.factor for f in last.values() for p in f.places if is_engine(p.reach.run.record.solver)]
-    costs = [p.reach.cpu_s for f in last.values() for p in f.places] or [1.0]
+    factors = [p.factor for f in last.values() for p in f.places if is_engine(p.run.record.solver)]
+    costs = [p.cpu_s for f in last.values() for p in f.places] or [1.0]
     low = math.floor(math.log10(min(costs)))
     high = max(math.ceil(math.log10(max(costs))), low + 1)
     left, right = 170, WIDTH - 40
@@ -111,19 +111,19 @@ def draw_costs(results: Results) -> str:
 
 
 def _solvers(f: Frontier) -> list[str]:
-    return [*(p.reach.run.record.solver for p in f.places), *f.missed]
+    return [*(p.run.record.solver for p in f.places), *f.missed]
 
 
 def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> Iterator[str]:
     """The dots of a problem; names above and below in turns, from the left; who does not get there at the right."""
     own, ends = looks(_solvers(f)), [0.0, 0.0]
     for k, p in enumerate(f.places):
-        name, at = p.reach.run.record.solver, x(p.reach.cpu_s)
+        name, at = p.run.record.solver, x(p.cpu_s)
         said = _named(name) or (name if k == 0 else "")
         yield (f'<circle cx="{at:.1f}" cy="{y}" r="{5 if said else 3}" fill="{own[name].colour}" '
-               f'opacity="{1 if said else 0.45}"><title>{name} {seconds(p.reach.cpu_s)}</title></circle>')  # fmt: skip
+               f'opacity="{1 if said else 0.45}"><title>{name} {seconds(p.cpu_s)}</title></circle>')  # fmt: skip
         if said:
-            words = f"{said} {'≤ ' * p.reach.bound}{seconds(p.reach.cpu_s)}"
+            words = f"{said} {'≤ ' * p.bound}{seconds(p.cpu_s)}"
             row = min((0, 1), key=lambda r: max(ends[r] - at, 0.0))
             start = min(max(ends[row], at - 6.0), right - LETTER * len(words) + 30.0)
             ends[row] = start + LETTER * len(words) + 12.0

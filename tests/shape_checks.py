@@ -1,4 +1,4 @@
-"""What arrays' annotations promise, checked at each call; other types are the checker's of types.
+"""Shapes that annotations of arrays promise, checked at each call; other types are the checker's of types.
 
 Scalars of numpy pass where there may be no axes, and any numbers for floats: derivatives are taken by complex steps.
 """

@@ -1,4 +1,4 @@
-"""What is installed is what runs: packages, the wheel and its files, locks; workflows call what there is."""
+"""Everything that runs is installed: packages, the wheel and its files, locks; workflows call what there is."""
 
 import os
 import re
@@ -26,7 +26,7 @@ def test_every_folder_with_modules_is_a_package():
 
 
 def test_every_data_file_is_named():
-    """What is in the repository beside modules in the packages, and what the harness reads below results/."""
+    """Files beside modules in the packages, and those that the harness reads below results/."""
     package_data = {
         file
         for package, patterns in SETUPTOOLS["package-data"].items()

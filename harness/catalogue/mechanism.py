@@ -259,7 +259,7 @@ class CompiledMechanism(Mechanism):
 
     def _springs(self, at: "_Places") -> list[SpringDamper]:
         m, out = self.model, []
-        for k in filter(lambda k: straight_spring(self.mj, m, k), range(m.ntendon)):
+        for k in filter(lambda k: is_straight_spring(self.mj, m, k), range(m.ntendon)):
             sites = m.wrap_objid[m.tendon_adr[k] : m.tendon_adr[k] + 2]
             sides = [at.end(m.site_bodyid[s], m.site_pos[s], np.eye(3))[:2] for s in sites]
             (i, p_i), (j, p_j) = sides[::-1] if sides[0][0] == GROUND else sides
@@ -367,7 +367,7 @@ class _Places:
         return n, self.point(n, self.data.xpos[b] + Rb @ p), self.R[n].T @ Rb @ turn
 
 
-def straight_spring(mj: Any, m: Any, k: int) -> bool:
+def is_straight_spring(mj: Any, m: Any, k: int) -> bool:
     """Whether a tendon is a linear spring between two sites."""
     first, site = m.tendon_adr[k], int(mj.mjtWrap.mjWRAP_SITE)
     plain = m.tendon_num[k] == 2 and all(m.wrap_type[first : first + 2] == site)

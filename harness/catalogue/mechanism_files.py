@@ -16,7 +16,7 @@ import numpy as np
 
 from . import sdformat, usd
 from .links import LinkMechanism
-from .mechanism import NO_INERTIA, CompiledMechanism, Mechanism, Omitted, find_joints, straight_spring
+from .mechanism import NO_INERTIA, CompiledMechanism, Mechanism, Omitted, find_joints, is_straight_spring
 
 COMPILED, SDFORMAT, USD = (".xml", ".mjcf", ".urdf"), (".sdf", ".world"), (".usd", ".usda", ".usdc", ".usdz")
 SUFFIXES = (*COMPILED, *SDFORMAT, *USD)
@@ -116,7 +116,7 @@ def _moves(spec: Any, body: Any) -> bool:
 
 
 def _count_omitted(mj: Any, m: Any) -> dict[Omitted, int]:
-    straight = sum(straight_spring(mj, m, k) for k in range(m.ntendon))
+    straight = sum(is_straight_spring(mj, m, k) for k in range(m.ntendon))
     ours = find_joints(mj, m)
     return {
         Omitted.ACTUATORS: m.nu,

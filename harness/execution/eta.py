@@ -75,7 +75,7 @@ PREPARING = f"{REFERENCES} and {COMPILING}"
 USUALLY = {COMPILING: 25.0, REFERENCES: 10.0, PREPARING: 45.0}  # [s] the first time on an idle core; then none
 
 
-def waiting(doing: str, elapsed: float) -> str:
+def describe_wait(doing: str, elapsed: float) -> str:
     """Describe what is being done and how long it will still take; ``elapsed`` [s] have passed."""
     usual = USUALLY.get(doing)
     if usual is None:

@@ -4,16 +4,15 @@ import dataclasses
 import math
 import tempfile
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from ..files import partial_of
 from ..results.records import RunRecord
 from ..sandbox.isolation import OUTPUT_LIMIT
 from ..suites.spec import RunSpec
 from ..types import Problem
-from .eta import COMPILING, REFERENCES, waiting
+from .eta import COMPILING, REFERENCES, describe_wait
 from .job import Job
 from .measuring import Outcome
 from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, STORED, Run, Send, run_one, send_record
@@ -25,31 +24,17 @@ RUNNING = "running"
 PATIENCE = 3.0  # [s] of any of these until it is mentioned
 
 
-class Say(Protocol):
-    """Prints a line; one that ends with a carriage return is written over by the next."""
-
-    def __call__(self, words: str, *, end: str = "\n") -> object: ...
-
-
-def _silent(words: str, *, end: str = "\n") -> None:
-    pass
-
-
-@dataclass(frozen=True)
-class Solved:
-    """How a single run went, for the summary on the terminal."""
-
-    record: RunRecord  # without address, its series is the file
-    native: str  # the last of what the process wrote to standard error
+Say = Callable[[str, str], None]  # words and the end of their line; after a carriage return they are written over
 
 
 def solve_to_file(
-    spec: RunSpec, out: Path, cpu_limit: float | None, say: Say = _silent, problem: Problem | None = None
-) -> Solved:
+    spec: RunSpec, out: Path, cpu_limit: float | None, say: Say | None = None, problem: Problem | None = None
+) -> tuple[RunRecord, str]:
     """Run ``spec`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
 
     Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there. ``problem`` is that of
-    ``spec``, if it is made already; its reference and its observables are used in other processes alone.
+    ``spec``, if it is made already; its reference and its observables are used in other processes alone. Returned are
+    the record, without address as its series is the file, and the last of what the process wrote to standard error.
     """
     patience = _Patience(say)
     with tempfile.TemporaryDirectory() as place:
@@ -87,7 +72,7 @@ def solve_to_file(
         native = job.stderr.read(OUTPUT_LIMIT).decode(errors="replace") if job.stderr.is_there() else ""
         if not stored:
             record = write_without_motion(out, dataclasses.replace(record, stderr=""))
-        return Solved(record, native[-2000:].strip())
+        return record, native[-2000:].strip()
 
 
 def _stage(heard: str) -> str:
@@ -97,7 +82,7 @@ def _stage(heard: str) -> str:
 class _Patience:
     """Says what takes its time and how long is left, once; then every second on one line."""
 
-    def __init__(self, say: Say) -> None:
+    def __init__(self, say: Say | None) -> None:
         self.say, self.doing = say, ""
 
     def now(self, doing: str) -> bool:
@@ -110,7 +95,7 @@ class _Patience:
         """Say how long it takes; always False, so that the wait continues."""
         elapsed = time.monotonic() - self.began
         if elapsed > self.due:
-            words = waiting(self.doing, elapsed)
-            self.say(words, end="\n" if self.due == PATIENCE else "\r")
+            if self.say is not None:
+                self.say(describe_wait(self.doing, elapsed), "\n" if self.due == PATIENCE else "\r")
             self.due = elapsed + 1.0
         return False

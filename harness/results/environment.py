@@ -67,7 +67,7 @@ def text_of(value: Any) -> str:
     return json.dumps(rows, sort_keys=True)
 
 
-def files_between(before: str, after: str) -> list[str]:
+def list_changed_files(before: str, after: str) -> list[str]:
     """Files that shape results and differ between two commits of this checkout; empty if one is not known here."""
     return _git("diff", "--name-only", before, after, "--", LOCK.name, *SHAPING).splitlines()
 

@@ -73,7 +73,7 @@ def _list_changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> 
     note = "uncommitted changes" if before.get("dirty") or after.get("dirty") else ""
     if not all(commits) or commits[0] == commits[1]:
         return note
-    changed = environment.files_between(*commits)
+    changed = environment.list_changed_files(*commits)
     shown = ", ".join(changed[:5]) + (f" and {len(changed) - 5} more" if changed[5:] else "")
     return "; ".join(filter(None, (shown, note)))
 

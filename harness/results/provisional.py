@@ -8,7 +8,7 @@ from pathlib import Path
 from ..places import Place
 from ..types import EndedBy, Status
 from .records import RunRecord
-from .store import Unreadable, ending
+from .store import Unreadable, end_key
 
 PROVISIONAL = (
     EndedBy.TOTAL_LIMIT, EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST, EndedBy.KILLED, EndedBy.SUSPENDED
@@ -23,7 +23,7 @@ def is_provisional(record: RunRecord) -> bool:
 def latest_of_each(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
     """The latest record of each run; beside a success, records cut short or crashed do not count."""
     found: dict[str, list[RunRecord]] = {}
-    for r in sorted(records, key=lambda r: (ending(r), r.run_id)):
+    for r in sorted(records, key=lambda r: (end_key(r), r.run_id)):
         found.setdefault(r.settings_id, []).append(r)
     return tuple(map(_pick_latest, found.values()))
 

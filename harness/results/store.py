@@ -212,12 +212,12 @@ def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
     """The last record of each run: a resumed folder may hold records of older code."""
     found: dict[str, RunRecord] = {}
     for r in records:
-        if r.settings_id not in found or ending(r) > ending(found[r.settings_id]):
+        if r.settings_id not in found or end_key(r) > end_key(found[r.settings_id]):
             found[r.settings_id] = r
     return tuple(found.values())
 
 
-def ending(record: RunRecord) -> tuple[str, bool]:
+def end_key(record: RunRecord) -> tuple[str, bool]:
     """When a run ended, to sort by; of two at the same time a success is the earlier and cannot hide the other."""
     return record.finished, record.status != Status.SUCCESS
 

@@ -134,7 +134,7 @@ def _describe_finding(c: Claim, where: str, f: Finding) -> list[str]:
     ]
 
 
-def missing(c: Claim) -> str:
+def describe_missing(c: Claim) -> str:
     """Whatever is missing to test the claim; empty where it was tested."""
     return "; ".join(map(_missing, c.missing))
 

@@ -38,13 +38,13 @@ def _of(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str]) 
         sound = [c for c in runs if c.status in ("success", "inaccurate") and c.record.cpu_median_s > 0.0]
         points = sorted((c.record.cpu_median_s, measure.of(c)) for c in sound) if measure else []
         points = [p for p in points if p[1] == p[1]]
-        reached = {f.target: p for f in found for p in f.places if p.reach.run.record.solver == name}
+        reached = {f.target: p for f in found for p in f.places if p.run.record.solver == name}
         solvers[name] = {
-            "cpu": [reached[t].reach.cpu_s if t in reached else None for t in targets],
-            "bound": [t in reached and reached[t].reach.bound for t in targets],
+            "cpu": [reached[t].cpu_s if t in reached else None for t in targets],
+            "bound": [t in reached and reached[t].bound for t in targets],
             "factor": [reached[t].factor if t in reached else None for t in targets],
-            "shown": [seconds(reached[t].reach.cpu_s) if t in reached else "" for t in targets],
-            "url": url(next(iter(reached.values())).reach.run if reached else runs[0]),
+            "shown": [seconds(reached[t].cpu_s) if t in reached else "" for t in targets],
+            "url": url(next(iter(reached.values())).run if reached else runs[0]),
             "why": _why(runs, min((e for _, e in points), default=None), unit), "points": points,
         }  # fmt: skip
     return {
@@ -56,7 +56,7 @@ def _of(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str]) 
 
 def answer(f: Frontier) -> str:
     """``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
-    best, missed = f.places[0].reach, len(f.missed) + len(f.refused)
+    best, missed = f.places[0], len(f.missed) + len(f.refused)
     least = f"{best.run.record.solver} needs {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"
     return f"{least}; {missed} of {len(f.places) + missed} solvers do not get there" if missed else least
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from .accuracy import Measure, measure_for
@@ -16,25 +16,18 @@ LEAST = 2  # solvers that reach a target: fewer are no comparison
 
 
 @dataclass(frozen=True)
-class Reach:
-    """The cost of an error for a solver with its best settings."""
+class Place:
+    """The cost of an error for a solver with its best settings, and over that of the cheapest solver."""
 
     run: Run
     cpu_s: float
     bound: bool  # at most: that of a run that reaches it, not one between two runs
-
-
-@dataclass(frozen=True)
-class Place:
-    """A solver in the order of a target, with its CPU time over that of the cheapest."""
-
-    reach: Reach
-    factor: float
+    factor: float = 1.0
 
     @property
     def spread(self) -> float:
         """Largest CPU time of the run's repeats over the least."""
-        r = self.reach.run.record
+        r = self.run.record
         return r.cpu_max_s / r.cpu_min_s if r.cpu_min_s > 0.0 else math.nan
 
 
@@ -58,7 +51,7 @@ class Frontier:
     @property
     def is_led_by_engine(self) -> bool:
         """Whether the cheapest is other people's code."""
-        return is_engine(self.places[0].reach.run.record.solver)
+        return is_engine(self.places[0].run.record.solver)
 
 
 def frontiers(results: Results) -> list[Frontier]:
@@ -97,7 +90,7 @@ def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
 
 def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
     by_solver = group_by(variant.runs, lambda c: c.record.solver)
-    best, missed, refused = list[Reach](), list[str](), list[Run]()
+    best, missed, refused = list[Place](), list[str](), list[Run]()
     for solver, own in by_solver.items():
         reaches = [r for same in group_by(own, lambda c: c.method).values() if (r := reach(same, measure, target))]
         if reaches:
@@ -107,16 +100,16 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
         elif not any(c.unfinished for c in own):
             missed.append(solver)
     best.sort(key=lambda r: r.cpu_s)
-    places = tuple(Place(r, r.cpu_s / best[0].cpu_s) for r in best)
+    places = tuple(replace(r, factor=r.cpu_s / best[0].cpu_s) for r in best)
     return Frontier(variant.title, measure.what, measure.unit, target, places, tuple(missed), tuple(refused))
 
 
-def reach(runs: Sequence[Run], measure: Measure, target: float) -> Reach | None:
+def reach(runs: Sequence[Run], measure: Measure, target: float) -> Place | None:
     """Least CPU of one method's runs for ``target``."""
     timed = [c for c in runs if c.record.status in SOUND and c.record.cpu_median_s > 0.0]
     coarse_first = sorted(timed, key=lambda c: -c.step_or_tolerance)
     found = least([(measure.of(c), c.record.cpu_median_s) for c in coarse_first], target)
-    return Reach(coarse_first[found[2]], found[0], bound=found[1]) if found else None
+    return Place(coarse_first[found[2]], found[0], bound=found[1]) if found else None
 
 
 def least(ladder: Sequence[tuple[float, float]], target: float) -> tuple[float, bool, int] | None:

@@ -23,7 +23,7 @@ class Judged(Generic[T]):
     published: str = ""
 
 
-def judged_or_published(results: Path, file: File[T], published: Place = PUBLISHED) -> Judged[T]:
+def read_judged_or_published(results: Path, file: File[T], published: Place = PUBLISHED) -> Judged[T]:
     """The same; where these results have no judgement, or allow none, that of the published ones."""
     own = read_judged(results, file)
     broken = own.found is None and (Place(results) / FOLDER / f"{file.name}.json").is_there()

@@ -42,7 +42,7 @@ def judged_claims(folder: Path) -> tuple[tuple[Claim, ...], bool]:
 def _claim(c: Claim) -> CaptionClaim:
     tests = tuple((claim_words.format_measured(t), claim_words.band(t)) for t in c.tests)
     found = [(f.verdict, claim_words.share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
-    return CaptionClaim(c.id, c.quote, c.claim, claim_words.missing(c), tests, *found)
+    return CaptionClaim(c.id, c.quote, c.claim, claim_words.describe_missing(c), tests, *found)
 
 
 def _note(figure: PaperFigure, lines: Sequence[Line]) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a newcomer types first: help, the version, the catalogue and one of its entries; cheap, and in one wording."""
+"""A newcomer's first commands: help, the version, the catalogue and one of its entries; cheap, and in one wording."""
 
 import json
 import subprocess
@@ -13,7 +13,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.cli.commands import add_commands
 from mbsbench.cli.parser import top_parser
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.eta import COMPILING, PREPARING, REFERENCES, waiting
+from mbsbench.harness.execution.eta import COMPILING, PREPARING, REFERENCES, describe_wait
 from mbsbench.harness.execution.run import MEASURING
 from mbsbench.harness.files import to_json
 from mbsbench.harness.reference.computed import Source, source_of
@@ -104,9 +104,12 @@ def test_a_certified_integration_is_not_called_exact(capsys, name):
 
 
 def test_waiting_is_said_in_one_wording():
-    """What is being done and how long is left; past the usual time, how long it has taken."""
-    assert waiting(COMPILING, 5.0) == "compiling kernels: about 20 s left (the first time only, not counted in any run)"
+    """The work under way and how long is left; past the usual time, how long it has taken."""
+    assert (
+        describe_wait(COMPILING, 5.0)
+        == "compiling kernels: about 20 s left (the first time only, not counted in any run)"
+    )
     for doing in (COMPILING, REFERENCES, PREPARING):
-        assert waiting(doing, 3.0).startswith(f"{doing}: about ") and "left" in waiting(doing, 3.0)
-        assert "longer than usual" in waiting(doing, 1e4)
-    assert waiting(MEASURING, 12.0) == "measuring: 12 s so far"
+        assert describe_wait(doing, 3.0).startswith(f"{doing}: about ") and "left" in describe_wait(doing, 3.0)
+        assert "longer than usual" in describe_wait(doing, 1e4)
+    assert describe_wait(MEASURING, 12.0) == "measuring: 12 s so far"

@@ -1,4 +1,4 @@
-"""What surrounds the command changes no result, and machines get JSON, one object a line, and nothing else."""
+"""The surroundings of the command change no result, and machines get JSON, one object a line, and nothing else."""
 
 import json
 import os

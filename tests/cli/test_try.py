@@ -35,7 +35,7 @@ SOLVER = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]
 
 @pytest.fixture
 def laddered(tmp_path):
-    """What ``try`` finds on the coarser half of one ladder alone, of half the time: they decide on the order."""
+    """Findings of ``try`` on the coarser half of one ladder alone, of half the time: they decide on the order."""
 
     def laddered(text: str) -> Tried:
         (tmp_path / "own.py").write_text(text.replace('"midpoint"', '"own"'), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What does not fit a shape is refused in one line with the place, the expected and the value."""
+"""A value that does not fit a shape is refused in one line with the place, the expected and the value."""
 
 import json
 import math
@@ -87,7 +87,7 @@ def test_json_has_null_for_a_number_that_does_not_exist():
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path):
-    """What fails half-way leaves the old file, and nothing beside it."""
+    """A write that fails half-way leaves the old file, and nothing beside it."""
     path = tmp_path / "x.txt"
     write_text(path, "old")
     with pytest.raises(UnicodeEncodeError):

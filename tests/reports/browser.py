@@ -196,7 +196,7 @@ class Tab:
         self.call("Emulation.setEmulatedMedia", features=[scheme])
 
     def violations(self) -> list[str]:
-        """What axe-core finds, light and dark, on a desktop and a phone, with all that is folded opened."""
+        """Findings of axe-core, light and dark, on a desktop and a phone, with all that is folded opened."""
         self.evaluate(f"{OPEN}; {AXE.read_text(encoding='utf-8')}; 0")
         found = []
         for width, dark in itertools.product((1280, 390), (False, True)):

@@ -151,7 +151,7 @@ def axe(browser):
 
 
 def absent(why: str) -> None:
-    """What a browser's test cannot do without is missing: a failure where CI is set."""
+    """A tool that a browser's test needs is missing: a failure where CI is set."""
     pytest.fail(why) if os.environ.get("CI") else pytest.skip(why)
 
 

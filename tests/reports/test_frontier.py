@@ -36,9 +36,9 @@ def test_work_is_interpolated_on_the_power_law(tmp_path):
     ladder(tmp_path, "alpha", 2.0, 1e-3)
     ladder(tmp_path, "beta", 4.0, 3e-3)
     (found,) = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
-    assert [p.reach.run.record.solver for p in found.places] == ["beta", "alpha"]
-    assert found.places[0].reach.cpu_s == pytest.approx(10.0 * 3e-3 * 1e3**0.25)
-    assert found.places[1].reach.cpu_s == pytest.approx(10.0 * 1e-3 * 1e3**0.5)
+    assert [p.run.record.solver for p in found.places] == ["beta", "alpha"]
+    assert found.places[0].cpu_s == pytest.approx(10.0 * 3e-3 * 1e3**0.25)
+    assert found.places[1].cpu_s == pytest.approx(10.0 * 1e-3 * 1e3**0.5)
     assert found.next_factor == pytest.approx(1e3**0.25 / 3.0)
 
 
@@ -50,7 +50,7 @@ def test_who_misses_and_who_refuses_is_said(tmp_path):
     ladder(tmp_path, "delta", 4.0, 1e-6, status="wrong")
     put(tmp_path, record("eps", "epsilon", "refused", message="no springs", position_error_max_m=float("nan")))
     found = {f.target: f for f in frontiers(read_results(tmp_path))}
-    assert [p.reach.run.record.solver for p in found[1e-6].places] == ["alpha", "beta"]
+    assert [p.run.record.solver for p in found[1e-6].places] == ["alpha", "beta"]
     assert found[1e-6].missed == ("delta", "gamma")
     assert [r.record.message for r in found[1e-6].refused] == ["no springs"]
 
@@ -62,7 +62,7 @@ def test_variants_on_which_an_engine_leads_come_first(tmp_path):
     for solver, cost in (("mujoco", 1e-3), ("radau_ggl", 2e-3)):
         ladder(tmp_path, solver, 4.0, cost, problem="bar")
     found = [f for f in engines_first(frontiers(read_results(tmp_path))) if f.target == 1e-3]
-    assert [f.places[0].reach.run.record.solver for f in found] == ["mujoco", "rattle"]
+    assert [f.places[0].run.record.solver for f in found] == ["mujoco", "rattle"]
     assert [f.is_led_by_engine for f in found] == [True, False]
     assert found[1].places[0].spread == pytest.approx(1.5)
 
@@ -72,7 +72,7 @@ def test_a_coarsest_run_below_the_error_is_a_bound(tmp_path):
     ladder(tmp_path, "alpha", 4.0, 1e-3, position_error_max_m=1e-9)
     ladder(tmp_path, "beta", 4.0, 1e-3)
     (found,) = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
-    bounds = {p.reach.run.record.solver: p.reach.bound for p in found.places}
+    bounds = {p.run.record.solver: p.bound for p in found.places}
     assert bounds == {"alpha": True, "beta": False}
 
 
@@ -81,9 +81,7 @@ def test_a_run_that_is_better_and_cheaper_counts_for_looser_errors(tmp_path):
     ladder(tmp_path, "alpha", 4.0, 1e-3)
     for name, dt, error, cpu in (("b0", 0.1, 5e-3, 9.0), ("b1", 0.05, 1e-7, 2.0)):
         put(tmp_path, record(name, "beta", dt_s=dt, position_error_max_m=error, cpu_median_s=cpu))
-    found = {
-        f.target: {p.reach.run.record.solver: p.reach for p in f.places} for f in frontiers(read_results(tmp_path))
-    }
+    found = {f.target: {p.run.record.solver: p for p in f.places} for f in frontiers(read_results(tmp_path))}
     costs = [found[10.0**-k]["beta"].cpu_s for k in range(3, 8)]
     assert costs == [2.0] * 5 and found[1e-2]["beta"].bound and not found[1e-4]["beta"].bound
 

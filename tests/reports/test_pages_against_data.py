@@ -1,4 +1,4 @@
-"""What pages and terminal state is what ``runs.parquet`` holds: recomputed here from the table alone."""
+"""Pages and terminal state the numbers of ``runs.parquet``: recomputed here from the table alone."""
 
 import dataclasses
 import html

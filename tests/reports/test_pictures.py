@@ -28,7 +28,7 @@ def pictures():
 
 @pytest.mark.parametrize("name", ["costs", "chain"])
 def test_pictures_of_results_are_of_runs_by_this_code(pictures, name):
-    """What they are drawn from takes minutes, so that the digest of its code stands for it."""
+    """The runs they are drawn from take minutes, so that the digest of its code stands for it."""
     (code,) = re.findall(r"<!-- code of its runs: (\w+) -->", (IMAGES / f"{name}.svg").read_text(encoding="utf-8"))
     assert code == pictures.code_now(), "make engines bench pictures"
 

@@ -207,7 +207,7 @@ def test_poor_runs_have_a_site_too(tmp_path, kind):
 
 
 def test_damaged_files_are_named(tmp_path):
-    """What cannot be read is not silently left out."""
+    """Unreadable files are not silently left out."""
     put(tmp_path, record("aa01"), series(40))
     (tmp_path / "runs" / "zz99.json").write_text("{")
     put(tmp_path, record("bb01"), series(40))

@@ -89,7 +89,7 @@ def test_of_runs_with_the_same_settings_the_latest_is_shown(tmp_path):
 @pytest.mark.parametrize("ending", [{"status": "crashed", "ended_by": "killed"}, {"status": "crashed", "signal": 11},
                                     {"status": "stalled", "ended_by": "total_limit"}])  # fmt: skip
 def test_a_later_run_that_was_killed_or_crashed_hides_no_success(ending, tmp_path):
-    """What ended it says nothing about the settings; a later run that came to its own end does replace it."""
+    """Its end says nothing about the settings; a later run that came to its own end does replace it."""
     put(tmp_path, record("good", settings_id="s", finished="2026-01-01T00:00:00Z"))
     put(tmp_path, record("cut", settings_id="s", finished="2026-01-03T00:00:00Z", **ending))
     found = read_results(tmp_path)

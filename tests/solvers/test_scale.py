@@ -1,4 +1,4 @@
-"""What grows with the system grows in proportion (docs/library.md); rows are chosen sparsely as by dense algebra."""
+"""Costs grow in proportion to the system (docs/library.md); rows are chosen sparsely as by dense algebra."""
 
 import dataclasses
 import tracemalloc

@@ -19,7 +19,7 @@ STUCK = 0.01  # of the step asked for: a pace below it would need more than a hu
 HOPELESS = 10  # budgets of steps that the rest of the time would take at that pace: fewer, and the run is only slow
 
 
-def ending(record: RunRecord, series: Series | None = None) -> Ending:
+def classify_ending(record: RunRecord, series: Series | None = None) -> Ending:
     """How one run ended; the series is needed where ``by_budget``."""
     if by_machine(record):
         return Ending.MACHINE
@@ -51,10 +51,10 @@ def pace(record: RunRecord, series: Series) -> float:
 def is_stuck(record: RunRecord, pace: float) -> bool:
     """Whether a run at this pace [s a step] has shrunk its steps a hundredfold and is far from its end."""
     rest = record.t_end_s - record.t_reached_s
-    return pace < STUCK * step_allowed(record) and rest > HOPELESS * record.max_steps * pace
+    return pace < STUCK * largest_step(record) and rest > HOPELESS * record.max_steps * pace
 
 
-def step_allowed(record: RunRecord) -> float:
+def largest_step(record: RunRecord) -> float:
     """The step that the run may take: its limit or its dt, else the largest it took [s]."""
     return next((s for s in (record.max_step_s, record.dt_s) if not math.isnan(s)), record.step_max_s)
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.series import Series
-from .endings import by_budget, ending
+from .endings import by_budget, classify_ending
 from .evidence import MEASURES, evaluate, evaluate_pair
 from .register import Test
 
@@ -35,7 +35,7 @@ class Numbers:
             record, own = records[settings], {k: t for k, t in tests.items() if not MEASURES[t.metric].of_pair}
             reads = by_budget(record) or any(MEASURES[t.metric].needs_series for t in own.values())
             series = self._series_of(settings) if reads else None
-            self.endings[settings] = ending(record, series)
+            self.endings[settings] = classify_ending(record, series)
             self._found |= {k: evaluate(t.metric, record, series, t.arguments) for k, t in own.items()}
 
     def of(self, settings: str, test: Test) -> float:

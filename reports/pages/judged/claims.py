@@ -14,7 +14,7 @@ from ...model.claim_words import setting
 from ...model.results import Results, group_by, natural, slug
 from ...model.words import Mark, mark, number, unit
 from ..base import Page, Site
-from ..judgement import JUDGE, Links, judged_or_published, links_of, read_or_why
+from ..judgement import JUDGE, Links, links_of, read_judged_or_published, read_or_why
 from ..svg import number_line
 
 AXES = ("tolerance", "gain")  # other dimensions make facets
@@ -238,7 +238,7 @@ def _elsewhere(keys: Sequence[str], on_map: set[str], links: Links) -> tuple[tup
 
 def write(results: Results, site: Site) -> Page | None:
     """``claims.html``."""
-    links, found = links_of(results.runs), judged_or_published(results.folder, CLAIMS)
+    links, found = links_of(results.runs), read_judged_or_published(results.folder, CLAIMS)
     published = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
     claims = claims_of(found.found or (), links, published.found or ())
     if found.published:

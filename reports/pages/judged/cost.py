@@ -48,7 +48,7 @@ def title(found: Sequence[Frontier]) -> str:
     own = of_most_problems(found)
     if not own:
         return "What accuracy costs"
-    firsts = [f.places[0].reach.run.record.solver for f in own]
+    firsts = [f.places[0].run.record.solver for f in own]
     best = max(sorted(set(firsts)), key=firsts.count)
     unit = own[0].unit if len({f.unit for f in own}) == 1 else "m or rad"
     error = f"{decade(own[0].target)} {unit}"

@@ -1,4 +1,4 @@
-"""The scorecard of symmetries: solver by check, the worst outcome in each box and every outcome beneath."""
+"""The scorecard of a solver's symmetries: the worst outcome of each check and every outcome beneath."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -29,27 +29,16 @@ MISSES = {"time reversal": "misses the start", "planar symmetry": "leaves the pl
 
 @dataclass(frozen=True)
 class Box:
-    """A solver and a check; ``mark`` is that of the worst outcome."""
+    """A check; ``mark`` is that of the worst outcome."""
 
     mark: Mark
     tally: str
     outcomes: tuple[Symmetry, ...]
 
 
-@dataclass(frozen=True)
-class Card:
-    """The grid; a box is None where nothing was tried."""
-
-    checks: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[Box | None, ...]], ...]
-
-
-def card(found: Sequence[Symmetry]) -> Card:
-    """Solvers down, checks across, in the order of their names and of their appearance."""
-    checks = tuple(dict.fromkeys(s.title for s in found))
-    boxes = group_by(found, lambda s: (s.solver, s.title))
-    solvers = sorted({s.solver for s in found})
-    return Card(checks, tuple((name, tuple(_box(boxes.get((name, c), ())) for c in checks)) for name in solvers))
+def boxes_of(found: Sequence[Symmetry]) -> dict[str, Box]:
+    """By check, in the order of their appearance."""
+    return {title: _box(own) for title, own in group_by(found, lambda s: s.title).items()}
 
 
 def words(s: Symmetry) -> str:
@@ -76,9 +65,7 @@ def words(s: Symmetry) -> str:
     return f"{said} ({', '.join(parts)})"
 
 
-def _box(found: Sequence[Symmetry]) -> Box | None:
-    if not found:
-        return None
+def _box(found: Sequence[Symmetry]) -> Box:
     count = Counter(s.verdict for s in found)
     worst = next(mark for verdict, mark in MARKS.items() if count[verdict])  # type: ignore[index]
     tried = len(found) - count["not applicable"]

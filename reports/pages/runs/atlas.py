@@ -65,18 +65,6 @@ class Group:
         return sum(len(f.stops) for f in self.families if f.head.run.record.solver == solver)
 
 
-@dataclass(frozen=True)
-class Broken:
-    """Runs that reached the end and broke the same law, by solver and problem."""
-
-    law: str
-    families: tuple[tuple[Run, ...], ...]
-
-    @property
-    def count(self) -> int:
-        return sum(map(len, self.families))
-
-
 def groups(results: Results, looks: Mapping[str, Look]) -> tuple[Group, ...]:
     """Every run that stopped, by cause in the order of ``CAUSES``."""
     stops = [autopsy(c, results.series(c, poses=False)) for c in results.runs if c.stopped and not c.unfinished]
@@ -102,11 +90,11 @@ def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
     )  # fmt: skip
 
 
-def group_broken(runs: Sequence[Run]) -> tuple[Broken, ...]:
-    """The wrong ones by the first law they break, the most frequent first."""
+def group_broken(runs: Sequence[Run]) -> dict[str, tuple[tuple[Run, ...], ...]]:
+    """The wrong ones by the first law they break, the most frequent first, and by solver and problem."""
     found = group_by((c for c in runs if c.status == "wrong"), _first_law)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
-    return tuple(Broken(law, families_of(own)) for law, own in ordered)
+    return {law: families_of(own) for law, own in ordered}
 
 
 def _first_law(run: Run) -> str:

@@ -19,7 +19,7 @@ from ...model.results import Results, Run, Variant, group_by, read_results
 from ...model.words import join_words, number, plural, time
 from ...plots.palette import Look
 from ..judged.claims import Shown, claims_of, counts
-from ..judgement import JUDGE, judged_or_published, links_of, read_or_why
+from ..judgement import JUDGE, links_of, read_judged_or_published, read_or_why
 from ..svg import snapshot, ticks_on
 
 CARDS = 6
@@ -131,7 +131,7 @@ class Verdicts:
 
 def verdicts(results: Results) -> Verdicts | None:
     """Verdicts of these results, else as published; None where there is neither."""
-    found = judged_or_published(results.folder, CLAIMS)
+    found = read_judged_or_published(results.folder, CLAIMS)
     kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims that lack runs here
     shown = [c for c in claims_of(found.found or (), links_of(results.runs), kept) if not c.presentation]
     if not shown:

@@ -92,7 +92,7 @@ def _shortest_followed(solver: str, followed: Sequence[Followed]) -> Fact | None
 
 def _cost(solver: str, costs: Sequence[Frontier]) -> Fact | None:
     """Relative to the cheapest at one error: the mean ratio over the problems on which it gets there."""
-    factors = [p.factor for f in costs for p in f.places if p.reach.run.record.solver == solver]
+    factors = [p.factor for f in costs for p in f.places if p.run.record.solver == solver]
     if not factors:
         return None
     mean = math.exp(sum(map(math.log, factors)) / len(factors))

@@ -39,15 +39,7 @@ ROWS = 100  # of a folded table: the first page's table and the CSV have all
 SEEN = 0.2  # an axis that is shorter than this part of itself points at the reader
 EVER_VARIANT = 12  # runs drawn of a variant: a report has a hundred of them, and each run is a file to read
 SPANS_VARIANT = 80  # of time in the curves of a variant: a run has a hundred of them
-
-
-@dataclass(frozen=True)
-class Extra:
-    """A table of what only this problem has, runs by names."""
-
-    title: str
-    heads: tuple[str, ...]
-    rows: tuple[tuple[Run, tuple[tuple[float, str], ...]], ...]
+Table = tuple[tuple[str, ...], tuple[tuple[Run, tuple[tuple[float, str], ...]], ...]]  # heads, and a row for each run
 
 
 @dataclass(frozen=True)
@@ -59,11 +51,11 @@ class Events:
     left_out: int
 
 
-def extras(runs: Sequence[Run]) -> list[Extra]:
-    """Observables against the reference, invariants against their start; only tables that have a column."""
+def extras(runs: Sequence[Run]) -> dict[str, Table]:
+    """Observables against the reference, invariants against their start, by title; only tables that have a column."""
     tables = {"Largest distance of observables from the reference": [c.observable_errors for c in runs],
               "Largest departure of invariants from their start": [c.invariant_drifts for c in runs]}  # fmt: skip
-    return [_extra(title, runs, found) for title, found in tables.items() if any(found)]
+    return {title: _extra(runs, found) for title, found in tables.items() if any(found)}
 
 
 def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
@@ -88,10 +80,10 @@ def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
     return (*out, f"reference: {known.reference}, stated error {number(known.reference_own_error_m)} m{until}{there}")
 
 
-def _extra(title: str, runs: Sequence[Run], found: Sequence[Mapping[str, Mapping[str, Any]]]) -> Extra:
+def _extra(runs: Sequence[Run], found: Sequence[Mapping[str, Mapping[str, Any]]]) -> Table:
     units = {n: str(e.get("unit", "")) for of in found for n, e in of.items()}
     rows = tuple((c, tuple(_value(of.get(n)) for n in units)) for c, of in zip(runs, found, strict=True))
-    return Extra(title, tuple(f"{n} [{unit(u)}]" if u else n for n, u in units.items()), rows)
+    return tuple(f"{n} [{unit(u)}]" if u else n for n, u in units.items()), rows
 
 
 def _value(found: Mapping[str, Any] | None) -> tuple[float, str]:

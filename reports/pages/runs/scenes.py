@@ -53,7 +53,7 @@ def _cheapest_first(variant: Variant, site: Site) -> list[Run]:
     """Successes by their solver's cost at one error, whose ladder may be over another time of the same motion."""
     same = {v.title for v in site.results.variants if v.problem == variant.problem and _start(v) == _start(variant)}
     found = of_most_problems([f for f in site.frontiers if f.variant in same])
-    order = [p.reach.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
+    order = [p.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
     sound = [c for c in variant.runs if c.succeeded and c.record.solver in order]
     return sorted(sound, key=lambda c: (order.index(c.record.solver), c.record.cpu_median_s))
 

@@ -1,11 +1,9 @@
 """The list of solvers, and a page for each: its method, its certificate card, its costs, where it fails and why."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
-from ....harness.results.judgements.runs import Drift, Order, Symmetry
 from ....harness.results.words import words_of
 from ...model.catalogue import about_solver
 from ...model.followed import Followed, list_followed
@@ -18,50 +16,20 @@ from ...model.words import plural
 from ..base import Page, Site
 from ..judged import drifts, scorecard
 from ..judged.orders import certificates, ladders, verdict_mark
-from ..judgement import Judged, judged_or_published, links_of
+from ..judgement import Judged, links_of, read_judged_or_published
 from .card import QUANTITY, card_of
 
 CHIPS = 8  # runs named in a row; the problem's page has all
 DRAWN = 6  # ladders of a solver that are drawn
-
-
-@dataclass(frozen=True)
-class Option:
-    """One value of one option, with how its runs ended."""
-
-    words: str
-    score: Score
-
-
-@dataclass(frozen=True)
-class Judgements:
-    """Judgements beyond one run, of all solvers; ``whys``: why there is none, or whose it is."""
-
-    orders: Sequence[Order]
-    drifts: Sequence[Drift]
-    symmetries: Sequence[Symmetry]
-    wrong: Sequence[Any]
-    whys: dict[str, tuple[str, str]]
-
-    @staticmethod
-    def of(results: Results) -> "Judgements":
-        """Judgements of these results, else as published."""
-        whys: dict[str, tuple[str, str]] = {}
-
-        def found(name: str, file: File[Any]) -> Sequence[Any]:
-            judged: Judged[Any] = judged_or_published(results.folder, file)
-            whys[name] = judged.why, judged.published
-            return judged.found or ()
-
-        return Judgements(found("orders", ORDERS), found("drift", DRIFTS), found("symmetries", SYMMETRIES),
-                          found("wrong", WRONG), whys)  # fmt: skip
+FILES: tuple[File[Any], ...] = (ORDERS, DRIFTS, SYMMETRIES, WRONG)  # judgements beyond one run, of all solvers
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``solvers.html``, and ``solver-<name>.html`` and ``badges/<name>.svg`` of every solver."""
     label = broadest(results)
     plain = {p.title for p in themselves(results, label)}
-    judgements, picture = Judgements.of(results), heat(results)
+    judged = [read_judged_or_published(results.folder, file) for file in FILES]
+    picture = heat(results)
     follow = [f for p in (picture.problems if picture else ()) for f in list_followed(p)]
     costs = of_most_problems(broad(results, site.frontiers))
     for name, runs in by_solver(results.runs).items():
@@ -69,7 +37,7 @@ def write(results: Results, site: Site) -> Page | None:
                 for group, own in groups_of(p, label).items()]  # fmt: skip
         rows = [row for row in rows if row[2]]
         _page(
-            results, site, name, judgements, follow, costs, runs=runs, score=score(runs), most=CHIPS,
+            results, site, name, judged, follow, costs, runs=runs, score=score(runs), most=CHIPS,
             paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})), options=_options(runs),
             reasons=_reasons(runs), loud=sorted(runs, key=lambda c: (c.record.label != label, c.variant not in plain)),
             rows=[row for row in rows if row[0].title in plain],
@@ -89,37 +57,34 @@ def title(found: Sequence[Standing]) -> str:
     return f"{len(whole)} of {plural(len(ran), 'solver')} succeed on every problem they ran" if ran else "Solvers"
 
 
-def _page(results: Results, site: Site, name: str, j: Judgements, follow: Sequence[Followed],
+def _page(results: Results, site: Site, name: str, judged: Sequence[Judged[Any]], follow: Sequence[Followed],
           costs: Sequence[Frontier], **values: Any) -> None:  # fmt: skip
-    def own(found: Sequence[Any]) -> list[Any]:
-        return [x for x in found if x.solver == name]
-
+    orders, drift, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
     links = links_of(results.runs)
-    orders = certificates(own(j.orders), links)
-    drawn = ladders([c for c in orders if c.of.quantity == QUANTITY and c.fixed])[:DRAWN]
-    card = site.cards[name] = card_of(name, j.orders, j.drifts, follow, costs)
+    certified = certificates(orders, links)
+    drawn = ladders([c for c in certified if c.of.quantity == QUANTITY and c.fixed])[:DRAWN]
+    card = site.cards[name] = card_of(name, orders, drift, follow, costs)
     badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
     (site.folder / badge).write(card.badge, durable=False)
     work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
-    checks = scorecard.card(own(j.symmetries))
     site.write(
         Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
         scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
-        links=links, whys=j.whys, certificates=orders,
-        drifts=drifts.anatomies(own(j.drifts)), drift_words=drifts.words, verdict_mark=verdict_mark,
-        checks=list(zip(checks.checks, checks.rows[0][1], strict=True)) if checks.rows else [],
-        marks_of=scorecard.MARKS, symmetry_words=scorecard.words, wrong=own(j.wrong), reason_words=words_of, **values,
+        links=links, whys=[(j.why, j.published) for j in judged], certificates=certified,
+        drifts=drifts.anatomies(drift), drift_words=drifts.words, verdict_mark=verdict_mark,
+        checks=scorecard.boxes_of(symmetries),
+        marks_of=scorecard.MARKS, symmetry_words=scorecard.words, wrong=wrong, reason_words=words_of, **values,
     )  # fmt: skip
 
 
-def _options(runs: Sequence[Run]) -> list[Option]:
+def _options(runs: Sequence[Run]) -> dict[str, Score]:
     """Every option that differs from its default somewhere; first the runs at all defaults."""
     found: dict[str, list[Run]] = {}
     for c in runs:
         for words in [f"{k} = {text_of(v)}" for k, v in c.options.items()] or ["all at their defaults"]:
             found.setdefault(words, []).append(c)
     ordered = sorted(found, key=lambda words: (words != "all at their defaults", words))
-    return [Option(words, score(found[words])) for words in ordered]
+    return {words: score(found[words]) for words in ordered}
 
 
 def _reasons(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:

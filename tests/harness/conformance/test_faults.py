@@ -102,7 +102,7 @@ FAULTS = {  # the solver, what is changed (from, to, ...), the requirements that
 
 
 def measured(name, text, folder):
-    """What is measured on the runs that need no limit, half as long, by the requirement's name."""
+    """Measurements on the runs that need no limit, half as long, by the requirement's name."""
     path = folder / f"{name}.py"
     path.write_text(text, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:

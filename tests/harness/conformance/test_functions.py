@@ -19,7 +19,7 @@ MIDPOINT, BAUMGARTE = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
 
 
 def made(text: str, name: str) -> type:
-    """What the code on the page defines under ``name``."""
+    """The object that the code on the page defines under ``name``."""
     names: dict = {"__name__": f"page_{name}"}
     exec(text, names)
     return names[name]

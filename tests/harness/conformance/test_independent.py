@@ -16,7 +16,7 @@ HINGE = make_problem(*EASY["easy hinge"])
 
 
 def moments(factor: np.ndarray):
-    """What is found where each row of the reactions is multiplied by its ``factor``."""
+    """The finding where each row of the reactions is multiplied by its ``factor``."""
     run = solve(HINGE, "radau_index1", rtol=1e-8)
     assert run.series is not None
     series = dataclasses.replace(

@@ -54,7 +54,7 @@ def example(tmp_path, request):
 @pytest.mark.slow
 @each_example
 def test_the_worked_example_meets_the_requirements(example, command):
-    """What a page prints is a whole solver. Of a function limits, recording, repetition and reactions are ours."""
+    """A page prints a whole solver. Of a function limits, recording, repetition and reactions are ours."""
     done = command("check", str(example), timeout=180.0)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "15 of 15 requirements met" in done.stdout
@@ -107,7 +107,7 @@ BAD = {
 
 @pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
 def test_a_file_that_is_no_solver_is_told_in_a_line(text, tmp_path):
-    """What is missing, before anything runs."""
+    """Missing parts are named before anything runs."""
     path = tmp_path / "bad.py"
     path.write_text("from dataclasses import dataclass\nfrom mbsbench import solver\n" + text)
     with pytest.raises(ValueError, match=BAD[text]) as error:

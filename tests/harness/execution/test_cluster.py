@@ -90,7 +90,7 @@ def test_no_cluster_is_reported_in_one_line(tmp_path, monkeypatch):
 
 
 def test_a_disk_that_is_full_here_is_no_fault_of_the_cluster(tmp_path):
-    """What a worker sent cannot be written: said with the folder, and no rest is left."""
+    """A result that cannot be written is reported with its folder, and no rest is left."""
     suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
     job = Job(suite.specs[0], tmp_path / "gone")
     with pytest.raises(PoolError, match=r"cannot write to .*gone: No such file"):

@@ -1,4 +1,4 @@
-"""What a worker of a cluster does with a run, without a cluster: the files of its result, or none after the limit."""
+"""A worker's run, without a cluster: the files of its result, or none after the limit."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""What happens to a run from outside is no result of its solver, and what is finished stays."""
+"""A run ended from outside is no result of its solver, and finished runs stay."""
 
 import os
 import signal

@@ -62,7 +62,7 @@ def killing(monkeypatch, before=(), after=()):
 
 
 def test_a_supervisor_that_dies_before_a_job_is_sent_costs_nothing(tmp_path, monkeypatch, capsys):
-    """What cannot be sent to it any more is sent to the next; a command that has run nothing never ends with 0."""
+    """Runs that cannot be sent to it any more go to the next; a command that has run nothing never ends with 0."""
     killing(monkeypatch, before=(2,))
     (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SLEEPS)
     assert main(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--jobs", "2"]) == 0

@@ -112,13 +112,13 @@ def slurm(tmp_path_factory):
 
 
 def ask(*line):
-    """What a command of SLURM prints; empty where it fails."""
+    """The output of a command of SLURM; empty where it fails."""
     done = subprocess.run(line, capture_output=True, text=True, timeout=20.0, check=False)
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
 def numbers(records):
-    """What a run has wherever it was made."""
+    """The columns of a run that do not depend on where it was made."""
     return {r.run_id: (r.status, r.steps, r.energy_drift_max_J) for r in records}
 
 

@@ -45,7 +45,7 @@ def test_each_solver_is_news_of_its_own_before_the_first_run(tmp_path):
 
 
 def test_a_line_for_what_took_its_time(tmp_path):
-    """What was in the cache is not mentioned."""
+    """Code from the cache is not mentioned."""
     console = Console(record=True, width=100)
     watch = Watch(console, None)
     watch.on_warmup({}, {"chain": 58.0, "heavy_top": 0.1})

@@ -152,7 +152,7 @@ def test_thresholds_of_another_suite_are_refused(tmp_path, capsys):
 
 
 def test_a_result_of_other_code_counts_as_missing():
-    """What the code of today gives is not known from it; asked for by name (no code) the newest is judged."""
+    """It says nothing about the code of today; asked for by name (no code) the newest is judged."""
     old, new = (
         dataclasses.replace(RECORDS[0], code=code, finished=when, phi_max=value)
         for code, when, value in (("then", "2026-01-02", 9.0), ("now", "2026-01-01", 1.0))
@@ -439,7 +439,7 @@ CELLS = ("{v}", "{v}<{u}", "{l}<{v}<{u}")
 
 @given(st.tuples(*[st.floats(1e-99, 1e99)] * 3), st.sampled_from(["1.2", "2.5"]), st.sampled_from(CELLS))
 def test_a_number_typed_into_a_cell_survives(tmp_path_factory, numbers, width, cell):
-    """What the next update writes has the same bounds about the same value."""
+    """The next update writes the same bounds about the same value."""
     low, value, high = (f"{x:.4g}" for x in sorted(numbers))
     path = tmp_path_factory.mktemp("t") / "t.toml"
     path.write_text(HEAD + ROW.replace("1.2  1.0", f"{width}  {cell.format(l=low, v=value, u=high)}"))

@@ -59,7 +59,7 @@ def planted():
 
 
 def state_of(spec, run, folder: Path) -> Verdict:
-    """What the gate says when the code makes ``run`` of ``spec``."""
+    """The gate's words when the code makes ``run`` of ``spec``."""
     record = run_here(Job(run, store.create(folder)))
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
     record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)

@@ -51,7 +51,7 @@ def test_a_plain_problem_gets_the_solver_itself():
 
 @pytest.mark.parametrize("given", [{"mirror": "X"}, {"renumber": 2}, {"duplicate": 1}, {"unit_length": 8.0}])
 def test_steps_handed_over_on_the_way_are_in_the_problems_terms(given):
-    """What a killed run leaves must be readable beside one that ended."""
+    """The rest of a killed run must be readable beside one that ended."""
     problem = make_problem("chain", {"t_end": 0.02, **given})
 
     class Kept:

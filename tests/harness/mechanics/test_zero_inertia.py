@@ -143,7 +143,7 @@ def test_a_load_about_an_axis_without_inertia_is_found_wherever_it_acts(name: st
 
 
 def test_a_problem_with_another_start_or_load_is_judged_anew() -> None:
-    """What an axis may keep was found for another problem."""
+    """The inertia that an axis may keep was found for another problem."""
     p = Problem("p", one(POINT, LINK), at_x(one(POINT, LINK)), 1.0, 1e-2, "", "")
     with pytest.raises(ValueError, match="must start at 0 rad/s"):
         dataclasses.replace(p, initial=at_x(p.system, (0.3, 0.0, 0.0)))

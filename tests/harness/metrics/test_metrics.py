@@ -198,7 +198,7 @@ def anywhere(request):
 
 
 def in_both(call, monkeypatch):
-    """What it gives in numpy and compiled."""
+    """Its results in numpy and compiled."""
     found = []
     for many in (10**9, 0):
         monkeypatch.setattr(scales, "MANY", many)

@@ -44,7 +44,7 @@ def turning(arms: list[float], rates: list[float], t: np.ndarray, v: float = 0.0
 
 
 def found(system: MultibodySystem, exact, run, t: np.ndarray, horizon: float = 10.0) -> tuple[list[Reason], object]:
-    """What a run is blamed for, and its measures."""
+    """The reasons against a run, and its measures."""
     start = exact(np.zeros(1))[0]
     p = Problem("p", system, start, t[-1], 0.01, "", "", reference_from=lambda _: Known(exact, horizon))
     judged = judge(p, claimed(t, run(t)))

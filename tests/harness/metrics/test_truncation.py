@@ -74,7 +74,7 @@ def test_a_false_gravity_is_found_without_reactions():
 
 
 def test_an_inaccurate_run_stays_inaccurate(top):
-    """What is known to be off is told as that."""
+    """A motion known to be off is reported as off."""
     problem, _ = top
     run = hide(problem, heavier(problem, 1.09, 5e-4))
     judged = judge(problem, run)

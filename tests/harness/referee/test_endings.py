@@ -9,7 +9,7 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.job import Job, record_unfinished
-from mbsbench.harness.referee.claims.endings import Ending, by_budget, by_machine, ending, pace
+from mbsbench.harness.referee.claims.endings import Ending, by_budget, by_machine, classify_ending, pace
 from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.sandbox.apart import Ended
 from mbsbench.harness.types import EndedBy, StepControl
@@ -53,7 +53,7 @@ def test_a_solver_stopped_by_its_clock_is_ended_by_the_machine(made, words):
     status, message, *_ = made()
     assert words in message
     record = bare(status=str(status), ended_by="solver", t_reached_s=4.0, steps=50, max_steps=100)
-    assert by_machine(record) and ending(record) is Ending.MACHINE
+    assert by_machine(record) and classify_ending(record) is Ending.MACHINE
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_a_process_ended_by_clock_or_memory_is_ended_by_the_machine(killed, limi
               Path("nowhere"))  # fmt: skip
     record = record_unfinished(job, Ended(code, killed, "", peak), 1.0, by, limit)
     assert record.ended_by == by and words in words_of_ending(record)
-    assert by_machine(record) and ending(record) is Ending.MACHINE
+    assert by_machine(record) and classify_ending(record) is Ending.MACHINE
 
 
 @pytest.mark.parametrize("by", [EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST])
@@ -117,19 +117,19 @@ def test_a_stuck_run_is_slow_and_far_from_its_end(last, asked, reached, how):
     """
     t = np.append(np.linspace(0.0, reached - 10 * last, 91), reached - last * np.arange(9, -1, -1))
     r = bare(10.0, t_reached_s=reached, status="stalled", steps=100, max_steps=100, max_step_s=asked)
-    assert ending(r, series(t)) is how
+    assert classify_ending(r, series(t)) is how
 
 
 def test_a_run_that_stands_still_is_stuck():
     """Its last steps are below the spacing of times: no pace, no end."""
     t = np.append(np.linspace(0.0, 4.0, 91), np.full(10, 4.0))
     r = bare(t_reached_s=4.0, status="stalled", steps=100, max_steps=100, step_max_s=0.05)
-    assert pace(r, series(t)) == 0.0 and ending(r, series(t)) is Ending.FINAL
+    assert pace(r, series(t)) == 0.0 and classify_ending(r, series(t)) is Ending.FINAL
 
 
 def test_what_failed_by_itself_is_final():
     """Also what a solver refused; what took no step and is not at its end has shown nothing."""
-    assert ending(bare(status="diverged", t_reached_s=4.0, steps=3)) is Ending.FINAL
-    assert ending(bare(status="refused", t_reached_s=float("nan"))) is Ending.FINAL
-    assert ending(bare(status="success", steps=100)) is Ending.FINAL
-    assert ending(bare(status="singular", t_reached_s=0.0)) is Ending.NO_STEP
+    assert classify_ending(bare(status="diverged", t_reached_s=4.0, steps=3)) is Ending.FINAL
+    assert classify_ending(bare(status="refused", t_reached_s=float("nan"))) is Ending.FINAL
+    assert classify_ending(bare(status="success", steps=100)) is Ending.FINAL
+    assert classify_ending(bare(status="singular", t_reached_s=0.0)) is Ending.NO_STEP

@@ -1,4 +1,4 @@
-"""What the paper's authors would object to, each answered by runs that are in a claim's map or are made here."""
+"""Objections that the paper's authors would raise, each answered by runs that are in a claim's map or are made here."""
 
 import textwrap
 from functools import cache

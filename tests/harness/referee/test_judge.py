@@ -57,7 +57,7 @@ def made(tmp_path, monkeypatch):
 
 
 def written(folder):
-    """What ``claims.json`` of a judged folder holds."""
+    """The contents of ``claims.json`` of a judged folder."""
     return json.loads((folder / "judgement" / "claims.json").read_text())
 
 

@@ -48,7 +48,7 @@ def test_every_map_matches_runs_of_the_suite_and_has_its_dimensions(places):
 
 
 def test_the_suite_of_the_referee_runs_all_of_them(places):
-    """What `make paper` runs holds every run a claim is tried on."""
+    """The runs of `make paper` hold every run a claim is tried on."""
     assert {p.spec.settings_id for p in places} <= {c.settings_id for c in load_suite("referee").specs}
 
 

@@ -8,7 +8,7 @@ import pytest
 from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.files import format_judgement
-from mbsbench.reports.model.claim_words import because, missing
+from mbsbench.reports.model.claim_words import because, describe_missing
 
 from .claiming import RUNS, TEST, claim, options
 from .synthetic import HEAD, record
@@ -41,19 +41,19 @@ def test_one_altered_number_flips_the_verdict():
 def test_missing_runs_are_untestable_never_green():
     """One of twelve runs is not there: nothing is decided, and it is said what is missing."""
     c = claim(records=[record(x, phi_max=0.5) for x in RUNS[1:]])
-    assert c.verdict == "UNTESTABLE" and c.map == () and "runs missing: 1 of 12" in missing(c)
+    assert c.verdict == "UNTESTABLE" and c.map == () and "runs missing: 1 of 12" in describe_missing(c)
 
 
 def test_a_suite_that_shrank_is_untestable():
     """Runs taken out of the suite leave the map with fewer values than the claim asks for."""
     small = [c for c in RUNS if options(c)["chart"] == "euler313"]
     c = claim(specs=small)
-    assert c.verdict == "UNTESTABLE" and "1 of 2 values of chart" in missing(c)
+    assert c.verdict == "UNTESTABLE" and "1 of 2 values of chart" in describe_missing(c)
 
 
 def test_a_number_that_nowhere_exists_refutes_nothing():
     c = claim(records=[record(x) for x in RUNS])
-    assert c.verdict == "UNTESTABLE" and "no run of the map has the number 'column'" in missing(c)
+    assert c.verdict == "UNTESTABLE" and "no run of the map has the number 'column'" in describe_missing(c)
 
 
 def test_some_needs_one_and_all_needs_all():
@@ -77,7 +77,7 @@ def test_some_needs_one_and_all_needs_all():
 def test_what_is_needed_is_looked_up(need, verdict):
     """A solver or an observable that joins the catalogue makes its claim testable without a change to the claim."""
     c = claim(TEST + f"needs = [{need}]\n")
-    assert c.verdict == verdict and (verdict == "SUPPORTED" or missing(c))
+    assert c.verdict == verdict and (verdict == "SUPPORTED" or describe_missing(c))
 
 
 def test_across_a_dimension_values_are_taken_in_order():

@@ -1,4 +1,4 @@
-"""What a digest covers, by law: words and layout never, an operator in every module whose numbers pass through it."""
+"""The extent of a digest, by law: words and layout never, an operator in every module whose numbers pass through it."""
 
 import re
 import shutil

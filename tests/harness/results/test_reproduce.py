@@ -63,7 +63,7 @@ def test_the_command_means_the_same_run(suite, tmp_path):
 
 
 def test_words_of_a_foreign_record_stay_words():
-    """What a result file holds is data for the shell too."""
+    """The contents of a result file are data for the shell too."""
     bad = RunRecord(
         run_id="x", problem="p; rm -rf ~", solver="$(id)", dt_s=0.1, solver_options=json.dumps({"a'b": "`id` \n&"})
     )

@@ -1,4 +1,4 @@
-"""What is stored comes back; what is damaged is reported and set aside, never read as good, never deleted."""
+"""Stored files come back; damaged ones are reported and set aside, never read as good, never deleted."""
 
 import contextlib
 import dataclasses

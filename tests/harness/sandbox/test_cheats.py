@@ -43,7 +43,7 @@ def test_work_between_call_and_return_is_its_cost(records, where):
 
 @pytest.mark.parametrize("where", ["refuses", "file", "set_up"])
 def test_work_before_the_call_and_set_up_are_shown_beside_it(records, where):
-    """What ``refuses`` computes for ``solve``, in memory or on disk, and what is called set-up."""
+    """Work that ``refuses`` does for ``solve``, in memory or on disk, and work that is called set-up."""
     r = records[where]
     assert r.setup_s > TICKS * WORK
     assert (r.cpu_refuses_s > TICKS * WORK) is (where != "set_up")

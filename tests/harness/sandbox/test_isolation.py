@@ -100,7 +100,7 @@ def test_nothing_of_a_killed_run_goes_on(outcome):
 
 
 def test_native_words_are_kept(outcome):
-    """What a solver writes to descriptor 2 before it dies is all there may be to find out why."""
+    """The last that a solver writes to descriptor 2 may be all there is to find out why it died."""
     folder, loaded = outcome
     (record,) = [r for r in loaded.records if r.solver == "segfaults"]
     assert "native words" in (folder / record.stderr).read_text()

@@ -81,10 +81,8 @@ def test_survival_counts_every_run_once():
 def test_wrong_ones_are_grouped_by_the_law_they_break():
     reasons = Reason(Law.ENERGY, 3.0, 1.0, "J"), Reason(Law.ENERGY, 9.0, 1.0, "J"), Reason(Law.CONSTRAINT, 1.0, 0.1)
     runs = [Run(record(f"w{k}", status="wrong", wrong_because=reasons_json([why]))) for k, why in enumerate(reasons)]
-    assert [(b.law, b.count) for b in group_broken([*runs, Run(record("aa01"))])] == [
-        ("the energy error", 2),
-        ("|phi|", 1),
-    ]
+    found = group_broken([*runs, Run(record("aa01"))])
+    assert [(law, sum(map(len, own))) for law, own in found.items()] == [("the energy error", 2), ("|phi|", 1)]
 
 
 def test_zoom_ends_with_a_star_and_survives_what_is_no_number():

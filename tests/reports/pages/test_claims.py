@@ -6,7 +6,14 @@ import re
 from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.claims import Decision, Finding, Gap, Missing, Verdict
-from mbsbench.reports.model.claim_words import band, because, decision, describe_count, format_measured, missing
+from mbsbench.reports.model.claim_words import (
+    band,
+    because,
+    decision,
+    describe_count,
+    describe_missing,
+    format_measured,
+)
 from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
 from mbsbench.reports.pages.judgement import links_of
 from mbsbench.reports.pages.svg import describe_bar, number_line, scale_for
@@ -88,7 +95,7 @@ def test_conditions_are_worded_with_counts():
 
 
 def test_what_is_missing_is_named():
-    assert missing(rows()[4]) == "the commercial code; runs missing: 3 of 5 of the map m, first case 3"
+    assert describe_missing(rows()[4]) == "the commercial code; runs missing: 3 of 5 of the map m, first case 3"
 
 
 def diamond(svg) -> float:

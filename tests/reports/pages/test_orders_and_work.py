@@ -8,10 +8,10 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.runs import WorkProfile
-from mbsbench.reports.model.results import read_results
+from mbsbench.reports.model.results import group_by, read_results
 from mbsbench.reports.pages.judged.cost import plots_of, work_at
 from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, certificates
-from mbsbench.reports.pages.judged.scorecard import card
+from mbsbench.reports.pages.judged.scorecard import boxes_of
 from mbsbench.reports.pages.judged.work_points import fields, profiles
 from mbsbench.reports.pages.judgement import links_of
 from mbsbench.reports.plots.work import profile_plot, steps_of
@@ -50,18 +50,17 @@ def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure
 
 def test_a_check_that_decides_nothing_is_no_success():
     """Its box says so, and it is not counted among those that hold."""
-    found = card([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")])
-    box = found.rows[0][1][0]
+    (box,) = boxes_of([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")]).values()
     assert (box.mark.word, box.mark.kind, box.tally) == ("not decided", "refused", "1 of 2")
 
 
 def test_box_of_the_scorecard_shows_its_worst_outcome():
-    found = card(synthetic.symmetries(["aa01"]))
-    boxes = {solver: dict(zip(found.checks, row, strict=True)) for solver, row in found.rows}
+    found = group_by(synthetic.symmetries(["aa01"]), lambda s: s.solver)
+    boxes = {solver: boxes_of(own) for solver, own in found.items()}
     assert boxes["alpha"]["time reversal"].mark.word == "broken" and boxes["alpha"]["time reversal"].tally == "1 of 2"
     assert boxes["alpha"]["yaw"].mark.word == "holds"
     assert boxes["gamma"]["yaw"].tally == ""  # what does not apply is not counted
-    assert boxes["gamma"]["time reversal"] is None
+    assert "time reversal" not in boxes["gamma"]
     assert boxes[synthetic.HOSTILE][synthetic.HOSTILE].mark.kind == "refused"  # decides nothing
 
 

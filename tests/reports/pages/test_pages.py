@@ -31,7 +31,7 @@ def test_without_a_judgement_the_page_names_the_command(tmp_path, name, state):
 
 @pytest.mark.parametrize("judged", ["not yet", "of nothing"])
 def test_no_page_is_empty_after_a_bench(tmp_path, judged):
-    """What these results do not allow to judge is shown as published, marked; no link leads to an empty page."""
+    """Judgements that these results do not allow are shown as published, marked; no link leads to an empty page."""
     put(tmp_path, record("aa01"), series(40))
     if judged == "of nothing":
         (tmp_path / "judgement").mkdir()
@@ -46,7 +46,7 @@ def test_no_page_is_empty_after_a_bench(tmp_path, judged):
 
 @pytest.mark.parametrize("file", FILES)
 def test_a_file_of_another_shape_is_refused_in_a_line(tmp_path, file):
-    """What is read is what is written: a row of an older version is named with its place, not shown in part."""
+    """Rows are read as they were written: a row of an older version is named with its place, not shown in part."""
     put(tmp_path, record("aa01"), series(40))
     (tmp_path / "judgement").mkdir()
     rows = [{"id": "a", "run": "aa01", "words": "as said"}]

@@ -34,7 +34,7 @@ def results(tmp_path_factory):
 
 
 def value(latex: str) -> float | None:
-    """What a reader takes a LaTeX number for; None for text."""
+    """The number that a reader sees in LaTeX; None for text."""
     plain = latex.strip().replace(r"\,", "")
     found = NUMBER.fullmatch(plain)
     return float(f"{found[1]}e{found[3] or 0}") if found else None

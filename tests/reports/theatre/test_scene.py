@@ -1,4 +1,4 @@
-"""What a page plays follows from the series: peaks, moments, shapes, the plane of motion; sizes are shared fairly."""
+"""Scenes follow from the series: peaks, moments, shapes, the plane of motion; sizes are shared fairly."""
 
 import numpy as np
 import pytest

@@ -27,7 +27,7 @@ from .test_single_precision import WHEELS
 
 @dataclass(frozen=True)
 class Served:
-    """What the tests know of an engine."""
+    """Facts that the tests know of an engine."""
 
     package: str  # as it is imported
     wheel: str

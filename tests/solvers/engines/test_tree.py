@@ -100,7 +100,7 @@ def test_velocities_are_the_rates_of_poses(problem):
 
 
 def own_model(problem) -> EngineModel:
-    """What a correct engine makes of the tree, from body matrices and the applied forces."""
+    """The model that a correct engine makes of the tree, from body matrices and the applied forces."""
     tree, system, one = tree_of(problem), problem.system, States.one(problem.initial)
     T = tree.jacobian()
     M = sl.block_diag(*[b for m, J in zip(system.mass, system.inertia, strict=True) for b in (m * np.eye(3), J)])

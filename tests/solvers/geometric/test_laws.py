@@ -1,4 +1,4 @@
-"""What ODE-GC alone does: its gauges, two routes to one step, cuts of steps, the refusal of redundant rows."""
+"""Laws of ODE-GC alone: its gauges, two routes to one step, cuts of steps, the refusal of redundant rows."""
 
 import numpy as np
 import pytest

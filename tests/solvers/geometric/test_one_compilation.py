@@ -1,4 +1,4 @@
-"""What is compiled for one system serves all: compilation is paid before the clock of the first run starts."""
+"""Code compiled for one system serves all: compilation is paid before the clock of the first run starts."""
 
 import gc
 

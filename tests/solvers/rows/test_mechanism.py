@@ -148,7 +148,7 @@ def test_rank_changes_as_in_the_kernel(angle: float) -> None:
 
 
 def test_auto_takes_the_kernel_until_code_pays_and_kept_code_at_once(monkeypatch, tmp_path) -> None:
-    """What was used stands in the run; making code is set-up, not the run."""
+    """The code used stands in the run; making code is set-up, not the run."""
     problem = dataclasses.replace(make_problem("chain", {"links": 6}), t_end=0.5)
     monkeypatch.setattr(objects, "FOLDER", tmp_path)
     monkeypatch.setattr(host, "STRETCH_BYTES", 1.0)
