@@ -1,8 +1,8 @@
 """OpenSim: Simbody's joint coordinates and integrators with error control, in an environment of its own.
 
-Accuracy is rtol: Simbody estimates the error of each coordinate, weighted, and projects every step onto the loops,
-which are point constraints. Drives prescribe coordinates. With ``settings`` "default" accuracy is that of a
-Manager that nobody configured.
+Accuracy is rtol: Simbody estimates the error of each coordinate, weighted, and projects steps onto the loops, which are
+point constraints, where these are off by ``constraint_tolerance``. Drives prescribe coordinates. With ``settings``
+"default" accuracy is that of a Manager that nobody configured.
 """
 
 from dataclasses import dataclass
@@ -23,6 +23,9 @@ class OpenSim(Adapter):
     """Simbody's integrators with error control."""
 
     integrator: str = option("RungeKuttaMerson", "OpenSim's name of it; this is its default", choices=INTEGRATORS)
+    constraint_tolerance: float = option(
+        0.0, "error of loops beyond which a step is projected; 0: Simbody's, from the accuracy", at_least=0.0
+    )
     settings: str = option("ours", "accuracy as given by rtol, or as it comes", choices=("ours", "default"))
 
     control: ClassVar[str] = "rtol"

@@ -95,6 +95,8 @@ class Model:
         manager.setIntegratorMethod(getattr(osim.Manager, f"IntegratorMethod_{options['integrator']}"))
         if options["settings"] != "default":
             manager.setIntegratorAccuracy(self._data["rtol"])
+        if options["constraint_tolerance"]:
+            manager.setIntegratorConstraintTolerance(options["constraint_tolerance"])
         manager.setPerformAnalyses(False)
         manager.setWriteToStorage(False)
         manager.setRecordStatesTrajectory(True)
