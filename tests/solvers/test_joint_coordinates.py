@@ -1,7 +1,6 @@
 """Code of a mechanism in joint coordinates: the judge's accelerations, orders, symmetries, and no wrong success."""
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.index1 import index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
-from mbsbench.harness.mechanics.motion import constraint, constraint_rate
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate, kinetic_energy
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
@@ -21,7 +20,8 @@ from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, spanni
 
 from .arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
 from .arbitrary_systems import consistent, linkage, with_user_forces
-from .runs import error
+from .runs import drift, error
+from .singular_linkages import LINKAGES, Passing, branch_error
 
 PRESENTED = ({"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}, {"rotation": (0.3, -0.5, 0.7)})
 
@@ -161,20 +161,40 @@ def test_errors_fall_through_singular_positions_of_parallel_bars() -> None:
     assert errors[2] < min(errors[1] / 5.0, 1e-5)
 
 
-@pytest.mark.parametrize(
-    ("name", "parameters", "rtols"),
-    [("n_four_bar", {}, 10.0 ** -np.arange(5.0, 11.1, 0.5)), ("four_bar_grid", {"release": "all_rows"}, (1e-6, 1e-8))],
-)
-def test_singular_positions_are_passed_by_code_at_every_tolerance(
-    name: str, parameters: dict[str, str], rtols: Sequence[float]
-) -> None:
-    """A passage costs a few steps and errors fall on: each is below 1000 times the tolerance to the power 8/9."""
-    problem = make_problem(name, parameters)
+def check_energy(problem: Problem, out: Trajectory, rtol: float) -> None:
+    """A step errs by at most rtol of its velocities, by twice that of its kinetic energy; none goes by another code."""
+    assert not any("kernel" in note or "anew" in note for note in out.notes), (rtol, out.notes)
+    T = kinetic_energy(problem.system, out.states)
+    assert np.max(np.abs(drift(problem, out))) < 2.0 * rtol * len(out.t) * np.max(T), rtol
+
+
+@pytest.mark.parametrize(("name", "parameters"), [("n_four_bar", {}), ("four_bar_grid", {"release": "all_rows"})])
+def test_singular_positions_are_passed_by_code_at_every_tolerance(name: str, parameters: dict[str, str]) -> None:
+    """A passage costs a few steps and no order: errors fall as rtol^(8/9), the power of the pair, or faster.
+
+    How much an error grows until the end differs with where it is made, a thousandfold on the grid: runs scatter.
+    """
+    problem, rtols = make_problem(name, parameters), 10.0 ** -np.arange(6.0, 10.1, 0.5)
+    errors = []
     for rtol in rtols:
         out = solve(problem, rtol)
-        assert not any("kernel" in note for note in out.notes), (rtol, out.notes)
-        assert error(problem, out) < 1000.0 * rtol ** (8.0 / 9.0), rtol
-        assert out.counters["rejected"] < out.counters["steps"]
+        check_energy(problem, out, rtol)
+        assert out.counters["rejected"] < out.counters["steps"] / 4
+        errors.append(error(problem, out))
+    (slope, _), spread = np.polyfit(np.log10(rtols), np.log10(errors), 1, cov=True)
+    assert np.sqrt(spread[0, 0]) < 0.15
+    assert slope > 8.0 / 9.0 - 2.0 * np.sqrt(spread[0, 0])
+
+
+@pytest.mark.parametrize("rtol", [1e-5, 1e-7, 1e-9, 1e-10])
+@pytest.mark.parametrize("of", LINKAGES, ids=[of.problem.name for of in LINKAGES])
+def test_linkages_of_other_sizes_keep_their_branch_through_singular_positions(of: Passing, rtol: float) -> None:
+    """Where parallel bars come into line they may cross, where a rod folds onto its crank it may turn with it."""
+    out = solve(of.problem, rtol)
+    check_energy(of.problem, out, rtol)
+    angle = np.unwrap(np.arctan2(out.states.R[:, 0, 1, 0], out.states.R[:, 0, 0, 0]))
+    assert abs(angle[-1] - angle[0]) > 2.0 * np.pi  # at least two passages
+    assert branch_error(of, out.states) < 1e-12
 
 
 class Spooled:

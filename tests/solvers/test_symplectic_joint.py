@@ -15,8 +15,10 @@ from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.compiled.marching import new_control
 from mbsbench.solvers.formulations.joint_coordinates import symplectic
+from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.collocation import Tableau, gauss_lobatto, rattle
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
+from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
 
 from .arbitrary_systems import with_user_forces
 from .runs import drift, orders, run
@@ -177,18 +179,33 @@ def test_pivots_chosen_anew_leave_the_steps(solver: str, name: str, monkeypatch:
 
 @pytest.mark.parametrize("name", ["heavy_top", "four_bar_grid"])
 @pytest.mark.parametrize("presented_as", [{"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}])
-def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, presented_as: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("solver", "options"), [(GAUSS, {"stages": 2}), (RATTLE, {})])
+def test_errors_are_the_same_however_a_mechanism_is_presented(
+    solver: str, options: dict[str, int], name: str, presented_as: dict[str, Any]
+) -> None:
     """Coordinates follow the mechanism; renumbered loops are cut elsewhere, which leaves the order of the error."""
     errors = []
     for more in ({}, presented_as):
         problem = problem_of(name, **more)
-        solver = present_solver(make_solver(GAUSS, {"stages": 2}), problem)
-        out = solver.solve(problem, StepControl(dt=0.01))
+        out = present_solver(make_solver(solver, options), problem).solve(problem, StepControl(dt=0.01))
         assert out.status is Status.SUCCESS, out.message
         exact = present_solver(make_solver("dop853_joint"), problem).solve(problem, StepControl(rtol=1e-13))
         errors.append(float(np.max(np.linalg.norm(out.states.r[-1] - exact.states.r[-1], axis=1))))
     closeness = 10.0 if name == "four_bar_grid" and "renumber" in presented_as else 1.001
     assert 1.0 / closeness < errors[1] / errors[0] < closeness
+
+
+@pytest.mark.parametrize("solver", [GAUSS, RATTLE])
+def test_a_tilt_that_defeats_folding_leaves_the_motion(solver: str) -> None:
+    """A hinge 1e-9 out of line makes spatial code of a planar pendulum, and a motion as far away."""
+    problem = make_problem("cart_pendulum", {"t_end": 1.0})
+    u = problem.system.joint_u.copy()
+    u[-1] += 1e-9 * np.array([0.6, 0.5, -0.4])
+    tilted = dataclasses.replace(problem, system=dataclasses.replace(problem.system, joint_u=u))
+    sizes = [make_code(p.system, spanning_tree(p.system, p.initial)).operations for p in (problem, tilted)]
+    assert sizes[1] > 1.2 * sizes[0]
+    planar, spatial = (run(p, 0.01, solver).states.r[-1] for p in (problem, tilted))
+    assert np.max(np.abs(planar - spatial)) < 1e-8
 
 
 @pytest.mark.parametrize("name", ["heavy_top", "chain", "bricard", "four_bar_grid"])

@@ -1,11 +1,13 @@
 """Straight code of a whole mechanism: the judge's accelerations, the kernel's motion, and who is chosen when."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.index1 import index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
@@ -25,6 +27,7 @@ PROBLEMS = {  # t_end [s]; pins, springs and dampers, line rows, drives, rows of
     "heavy_top": 0.3, "chain": 0.1, "flyball_governor": 0.05, "damped_linkage": 0.3, "slider_crank": 0.3,
     "torque_free_body": 0.3, "driven_slider_crank": 0.5, "stewart_platform": 0.2, "rolling_disc": 0.5, "bricard": 0.5,
 }  # fmt: skip
+PRESENTED = ({"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}, {"rotation": (0.3, -0.5, 0.7)})
 SAME = 1e-9  # [m] of step sizes that differ by rounding
 ROUNDING, DIFFERENCES = 1e-12, 1e-9  # the judge's A_dot v of moving rows is a difference
 
@@ -121,6 +124,22 @@ def test_a_tilt_that_leaves_no_zeros_leaves_the_motion() -> None:
     assert other > one
     new, old = solve(straight, "mechanism"), solve(tilted, "mechanism")
     assert np.max(np.abs(new.states.r[-1] - old.states.r[-1])) < 1e-8
+
+
+@pytest.mark.parametrize("name", ["heavy_top", "chain", "slider_crank"])
+@pytest.mark.parametrize("presented_as", PRESENTED, ids=str)
+def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, presented_as: dict[str, Any]) -> None:
+    """Turned, mirrored and renumbered copies have other code, the same steps, and errors alike but for rounding."""
+    errors, steps = [], []
+    for more in ({}, presented_as):
+        problem = make_problem(name, {**more, "t_end": PROBLEMS[name]})
+        solver = present_solver(make_solver("rkmk_dop853", {"code": "mechanism"}), problem)
+        runs = [solver.solve(problem, StepControl(rtol=rtol)) for rtol in (1e-6, 1e-13)]
+        assert all(out.status is Status.SUCCESS for out in runs)
+        errors.append(float(np.max(np.linalg.norm(runs[0].states.r[-1] - runs[1].states.r[-1], axis=1))))
+        steps.append(len(runs[0].t))
+    assert steps[0] == steps[1]
+    assert abs(errors[1] - errors[0]) < 0.01 * errors[0] + SAME
 
 
 def test_a_run_past_flat_cells_is_the_kernels() -> None:
