@@ -9,9 +9,11 @@ from ..harness.execution.run_file import read_run
 from ..harness.execution.solve_file import solve_to_file
 from ..harness.foreign.judge import read_trajectory
 from ..harness.results import store
-from ..harness.results.findings import Finding, state
+from ..harness.results.findings import state
+from ..harness.results.records import RunRecord
+from ..harness.results.shadows import keep_nearest
 from ..harness.sandbox.trial import make_problem
-from ..harness.shadow.findings import describe_energy, describe_shadow
+from ..harness.shadow.findings import describe_energy, describe_shadow, nearest_of
 from ..harness.shadow.modified_energy import find_modified_energy
 from ..harness.shadow.shadow import find_shadow
 from ..harness.types import Problem, Trajectory
@@ -25,11 +27,18 @@ from .verify import rebuild_spec
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the findings; return 0 where a shadow is found over the whole time within a tenth of the reach, else 1."""
-    title, problem, trajectory = _read_motion(arguments)
+    title, problem, trajectory, run = _read_motion(arguments)
     shadow = find_shadow(problem, trajectory, arguments.t_end)
     found = describe_shadow(shadow)
     good = all(f.holds for f in found)
-    found += _describe_energy(problem, trajectory)
+    try:
+        modified = find_modified_energy(problem, trajectory)
+        found += describe_energy(modified)
+    except ValueError as error:
+        modified = None
+        found.append(state("modified energy", f"not computed: {error}"))
+    if run is not None:
+        keep_nearest(*run, nearest_of(shadow, modified))
     print_findings(found, *([] if arguments.json else [title]), json=arguments.json)
     if arguments.html:
         from ..reports.shadow import write_page
@@ -40,23 +49,19 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if good else 1
 
 
-def _describe_energy(problem: Problem, trajectory: Trajectory) -> list[Finding]:
-    try:
-        return describe_energy(find_modified_energy(problem, trajectory))
-    except ValueError as error:
-        return [state("modified energy", f"not computed: {error}")]
+Motion = tuple[str, Problem, Trajectory, tuple[Path, RunRecord] | None]
 
 
-def _read_motion(arguments: argparse.Namespace) -> tuple[str, Problem, Trajectory]:
-    """A title, the problem and its motion, from a file or by repeating a run."""
+def _read_motion(arguments: argparse.Namespace) -> Motion:
+    """A title, the problem and its motion, from a file, or by repeating a run, which comes with its folder."""
     path = Path(arguments.motion)
     if arguments.problem is not None:
         name, parameters, _ = load_problem(arguments)
         problem = make_problem(name, parameters)
-        return f"{name} {path.name}", problem, read_trajectory(problem, path, parse_settings(arguments, path))
+        return f"{name} {path.name}", problem, read_trajectory(problem, path, parse_settings(arguments, path)), None
     load_plugins(arguments.plugin)
     if path.suffix == ".npz":
-        return _read_run(path)
+        return *_read_run(path), None
     if path.is_file():
         raise UsageError(f"{path} does not name its problem; give it with --problem")
     folder = find_results(arguments.results)
@@ -64,7 +69,7 @@ def _read_motion(arguments: argparse.Namespace) -> tuple[str, Problem, Trajector
     with tempfile.TemporaryDirectory() as place:  # a results folder keeps thinned poses alone
         again = Path(place) / "run.npz"
         solve_to_file(rebuild_spec(record), again, None)
-        return _read_run(again)
+        return *_read_run(again), (folder, record)
 
 
 def _read_run(path: Path) -> tuple[str, Problem, Trajectory]:

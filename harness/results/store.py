@@ -29,7 +29,17 @@ LARGEST = 2**22  # [bytes] of a record's file: a hundred times the longest
 NATIVE = 2**20  # [bytes] of a standard error, which runs leave trimmed
 LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
-OTHERS = (".lock", ".spool", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "suite.toml")
+OTHERS = (
+    ".lock",
+    ".spool",
+    "environment.json",
+    "judgement",
+    "report",
+    "runs.parquet",
+    "set_aside",
+    "shadows.json",
+    "suite.toml",
+)
 IN_PART = {part: re.compile(rf"{part}/[\w-][\w.-]*") for part in ("series", "stderr")}
 SCHEMA_IN_FILE = re.compile(rb'\\"schema\\": (\d{1,9})\b')  # of a record inside its file
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..results.findings import Finding, Measured, compare, state
+from ..results.shadows import SYMPLECTIC, Nearest
 from ..types import ACCURATE
 from .modified_energy import ModifiedEnergy
 from .shadow import GAP, Shadow
-
-SYMPLECTIC = 1e-10  # of the scale
 
 
 def describe_shadow(s: Shadow) -> list[Finding]:
@@ -46,6 +45,15 @@ def summarize_shadow(s: Shadow) -> dict[str, str | float]:
         return {"words": f"none found near it: {describe_extent(s)}", **numbers}
     over = f"over {s.until:.4g} s" + ("" if s.found else f" of {s.t_end:.4g} s; a glitch near {s.glitch:.4g} s")
     return {"words": f"one within {1e3 * largest:.3g} mm, rms {1e3 * rms:.3g} mm, {over}", **numbers}
+
+
+def nearest_of(s: Shadow, m: ModifiedEnergy | None) -> Nearest:
+    """Both as kept beside a run."""
+    swing = None if m is None else m.swing / m.scale
+    if not s.until > 0.0:
+        return Nearest(modified_energy=swing)
+    C = s.distance
+    return Nearest(s.until, float(np.max(C)), float(np.sqrt(np.mean(C**2))), swing)
 
 
 def describe_extent(s: Shadow) -> str:

@@ -2,7 +2,9 @@
 
 First the gaps are closed, by damped Gauss-Newton steps of smallest correction (error-oriented damping, Deuflhard 2004,
 sect. 4.4); then the motion is led along the true ones to the nearest, where the sum of squares has its least value.
-No shift of time is allowed: states are compared at the same times.
+No shift of time is allowed: states are compared at the same times. The search for the nearest stops early (``NEAREST``,
+``SETTLED``): RATTLE on the chain at 1e-3 s over 20 s has an rms distance of 0.694 mm, of 0.684 mm with bounds a
+hundredth and a tenth as large. Either is a true motion's, and bounds the distance of the nearest from above.
 """
 
 import numpy as np

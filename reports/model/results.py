@@ -17,6 +17,7 @@ from ...harness.results.provenance import stamp_of
 from ...harness.results.provisional import latest_of_each
 from ...harness.results.records import RunRecord
 from ...harness.results.series import Series, check_series
+from ...harness.results.shadows import Nearest, nearest_of, read_nearest
 from ...harness.results.words import why
 from ...harness.types import Status
 
@@ -31,10 +32,11 @@ def _unpack_column(column: str) -> cached_property[Mapping[str, Any]]:
 
 @dataclass(frozen=True)
 class Run:
-    """A record with what its JSON columns hold, and the end of its standard error."""
+    """A record with what its JSON columns hold, the end of its standard error, and the true motion near it."""
 
     record: RunRecord
     stderr: str = ""
+    nearest: Nearest | None = None
 
     @cached_property
     def variant(self) -> str:
@@ -59,7 +61,8 @@ class Run:
     @cached_property
     def reasons(self) -> Sequence[str]:
         """Why it is not a success; empty for one that is."""
-        return [] if self.succeeded else why(self.record)
+        near = self.nearest.words if self.nearest and self.status == Status.INACCURATE else ""
+        return [] if self.succeeded else [*why(self.record), *([f"yet {near}"] if near else [])]
 
     @property
     def status(self) -> str:
@@ -183,7 +186,8 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     sound = [r for r in loaded.records if r.run_id not in faults]
     shown = {r.settings_id: r for r in latest_of_each(sound)}
     later = sum(r.finished > shown[r.settings_id].finished for r in sound)
-    runs = [Run(r, _stderr(folder, r)) for r in shown.values()]
+    near = read_nearest(folder)
+    runs = [Run(r, _stderr(folder, r), nearest_of(r, near)) for r in shown.values()]
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
     earlier = len(sound) - len(shown) - later

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...harness.places import Place
+from ...harness.results.shadows import SYMPLECTIC
 from ...harness.results.words import judged_error
 from .accuracy import energy_kind, measure_for
 from .results import Run, Variant, by_solver
@@ -56,6 +57,14 @@ def _error_column(name: str, unit: str) -> Callable[[Run], Value]:
     return lambda c: judged_error(c.record, name, unit)
 
 
+def _near(name: str) -> Callable[[Run], Value]:
+    def of(c: Run) -> Value:
+        value: float | None = getattr(c.nearest, name, None)
+        return math.nan if value is None else value
+
+    return of
+
+
 def _spread(c: Run) -> Value:
     r = c.record
     return f"{format_cpu_time(r.cpu_min_s)} to {format_cpu_time(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
@@ -97,6 +106,11 @@ COLUMNS: Sequence[Column] = (
     Column("accurate_until_1pct", "to 1 %", "s", "The same for a hundredth.", _of("accurate_until_1pct_s"), time),
     Column("accurate_until_0p1pct", "to 0.1 %", "s", "The same for a thousandth.", _of("accurate_until_0p1pct_s"),
            time),
+    Column("true_motion", "True motion within", "m", "Largest distance of a centre of mass from some true motion, as "
+           "mbsbench shadow finds it: what counts once chaos has made the error meaningless.", _near("largest_m")),
+    Column("true_motion_until", "over", "s", "Up to this time.", _near("until_s"), time),
+    Column("symplectic", "Symplectic", "", "Whether the modified energy of a fixed step swings by less than "
+           f"{SYMPLECTIC:g} of the scale.", lambda c: c.nearest.symplectic if c.nearest else ""),
     Column("compared_to", "Compared to", "s", "Last step before the reference or the run ends.", _of("compared_to_s"),
            time),
     Column("reference_own_error", "Stated error", "m",

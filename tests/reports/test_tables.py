@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from mbsbench.harness.results.shadows import Nearest
 from mbsbench.reports.model.accuracy import measure_for
 from mbsbench.reports.model.provenance import cautions
 from mbsbench.reports.model.results import Run, read_results
@@ -49,6 +50,16 @@ def test_numbers_are_written_for_readers():
     assert number(9.999) == "10.0"
     assert format_signed(0.5) == "+0.500" and whole(1234567.0) == "1\u202f234\u202f567"
     assert seconds(0.0123) == "12.3 ms" and unit("kg m2/s") == "kg m²/s"
+
+
+def test_the_nearest_true_motion_is_beside_the_verdict_inaccurate():
+    """Chaos makes the error large; a run that succeeds says nothing of it but in its columns."""
+    near = Nearest(20.0, 4.3e-3, 6.9e-4, 8e-5)
+    run = Run(record("aa01", status="inaccurate"), nearest=near)
+    assert run.reasons[-1] == "yet a true motion within 4.3 mm (rms 0.69 mm) over 20 s"
+    shown = {c.key: c.text(run) for c in COLUMNS}
+    assert (shown["true_motion"], shown["true_motion_until"], shown["symplectic"]) == ("0.00430", "20", "no")
+    assert not Run(record("aa02"), nearest=near).reasons and ",0.0043,20.0,no," in csv_of([run])
 
 
 def test_a_cpu_time_too_short_for_the_clock_is_no_zero():

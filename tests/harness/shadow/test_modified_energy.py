@@ -29,10 +29,20 @@ def test_leapfrog_keeps_the_modified_energy_of_the_oscillator():
 
 
 @pytest.mark.parametrize(
-    ("solver", "verdict"), [("rattle", Verdict.MET), ("generalized_alpha", Verdict.FAILED), ("rk45_strong_form", None)]
+    ("solver", "verdict"),
+    [
+        ("rattle", Verdict.MET),
+        ("half_explicit", Verdict.FAILED),
+        ("generalized_alpha", Verdict.FAILED),
+        ("gc_weak_form", Verdict.FAILED),
+        ("rk45_strong_form", None),
+    ],
 )
 def test_verdict_tells_symplectic_methods(solver, verdict):
-    """RATTLE has a modified energy; a dissipative method has none, and varying steps have no such method."""
+    """RATTLE has a modified energy; explicit Runge-Kutta and dissipative methods have none, nor is one found of ODE-GC.
+
+    Varying steps are no such method.
+    """
     problem = registry.make_problem("simple_pendulum", {"t_end": 4.0})
     trajectory = run(problem, solver, **({"rtol": 1e-8} if verdict is None else {"dt": 2e-3}))
     if verdict is None:

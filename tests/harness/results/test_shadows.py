@@ -1,0 +1,38 @@
+"""True motions near runs: kept in a results folder, else published; read with suspicion."""
+
+import pytest
+
+from mbsbench.harness.files import FileError
+from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.shadows import FILE, SYMPLECTIC, Nearest, keep_nearest, nearest_of, read_nearest
+
+
+def record(run: str, case: str) -> RunRecord:
+    return RunRecord(run_id=run, case=case, problem="chain", solver="rattle", status="inaccurate")
+
+
+def test_a_run_has_its_own_else_that_of_its_published_settings(tmp_path) -> None:
+    """By run_id and by case; other settings have none."""
+    own, like, other = (record(*x) for x in (("a1", "mine"), ("b2", "chain rattle dt=0.001"), ("c3", "chain rattle")))
+    keep_nearest(tmp_path, record("d4", "another"), Nearest())
+    keep_nearest(tmp_path, own, Nearest(5.0, 5.77e-4, 1.65e-4, 1e-12))
+    known = read_nearest(tmp_path)
+    found, published = nearest_of(own, known), nearest_of(like, known)
+    assert found is not None and published is not None and nearest_of(other, known) is None
+    assert found.words == "a true motion within 0.577 mm (rms 0.165 mm) over 5 s"
+    assert published.until_s == 20.0 and published.words.endswith("over 20 s")
+    assert known["d4"].words == ""
+
+
+def test_the_verdict_on_the_modified_energy() -> None:
+    """None where it is not defined."""
+    swings = (None, 0.5 * SYMPLECTIC, 2.0 * SYMPLECTIC)
+    assert [Nearest(modified_energy=x).symplectic for x in swings] == ["", "yes", "no"]
+
+
+@pytest.mark.parametrize("text", ["[]", '{"a": 1}', '{"a": {"until_s": "x"}}', "{"])
+def test_a_file_of_another_kind_is_one_line(text: str, tmp_path) -> None:
+    """As any file of a results folder."""
+    (tmp_path / FILE).write_text(text)
+    with pytest.raises(FileError, match=FILE):
+        read_nearest(tmp_path)
