@@ -79,7 +79,8 @@ engines: $(ENGINES) ## install other people's engines, and readers of formats; e
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
 	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue \
-		tests/harness/foreign tests/cli/test_questions.py
+		tests/harness/foreign tests/harness/fuzz tests/cli/test_questions.py
+	$(BIN)/python -m pytest -q -n 2 -m slow --benchmark-disable tests/cli/test_questions.py
 
 $(DOCS): requirements-docs.lock $(READY)
 	$(call moving,$(PIP) -r requirements-docs.lock,installing requirements-docs.lock)

@@ -1,9 +1,11 @@
 """Systems of ``sympy.physics.mechanics`` become mechanisms whose accelerations are those of SymPy's own equations.
 
-Models as in published examples: the block with two pendulums and the four-bar linkage of SymPy's tutorials on
-mechanics, and the rods on a wall of "Learn Multibody Dynamics" (Moore); each is written anew.
+Models: the pendulum on a cart that SymPy ships, and as in published examples the block with two pendulums and the
+four-bar linkage of SymPy's tutorials on mechanics, and the rods on a wall of "Learn Multibody Dynamics" (Moore); each
+of these is written anew.
 """
 
+import importlib
 import importlib.util
 
 import numpy as np
@@ -126,7 +128,16 @@ def masses_on_strings(me, sp):
     return lagrange, {m: 1.0, l: 0.5, g: 9.81}, {q[0]: 0.3, q[1]: 0.7, q[0].diff(): 1.0}, {"bodies": bodies}
 
 
+def pendulum_on_a_cart(me, sp):
+    """A KanesMethod of SymPy's own models: three particles on massless links."""
+    kane = importlib.import_module("sympy.physics.mechanics.models").n_link_pendulum_on_cart(3, cart_force=False)
+    symbols = (kane.mass_matrix_full.free_symbols | kane.forcing_full.free_symbols) - {me.dynamicsymbols._t}
+    values = {s: 1.0 + 0.1 * k for k, s in enumerate(sorted(symbols, key=str))}
+    return kane, values, {**{c: 0.1 * k for k, c in enumerate(kane.q, 1)}, **dict.fromkeys(kane.u, 0.2)}, {}
+
+
 EXPECTED = {
+    pendulum_on_a_cart: "distance, point on line, point on plane",
     block_with_pendulums: "normal axes, point on line, point on plane, revolute, spherical",
     four_bar: "revolute", two_rods: "point on line, revolute",
     masses_on_strings: "distance, point on plane",

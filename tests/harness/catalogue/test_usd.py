@@ -10,6 +10,8 @@ import pytest
 from mbsbench import JointKind, accelerations, make_problem
 from mbsbench.harness.catalogue import mechanism_files
 
+from ...solvers.engines.environments import import_engine
+
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("pxr") is None, reason="usd-core is an optional extra: formats"
 )
@@ -121,14 +123,13 @@ def test_a_joint_may_name_its_bodies_in_either_order(tmp_path):
     assert np.max(np.abs(a)) > 1.0 and np.allclose(a, b, atol=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [
     "kamino/basics/box_pendulum.usda", "kamino/basics/cartpole.usda",
     "kamino/basics/boxes_hinged.usda", "linkage",
 ])  # fmt: skip
 def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
-    """Newton reads the file and makes a model of MuJoCo's, in float64: its own solvers are in float32."""
-    newton = pytest.importorskip("newton", reason="newton is compared with where it is installed")
+    """Newton reads a file of its wheel and makes a model of MuJoCo's, in float64: its own solvers are in float32."""
+    newton = import_engine("newton")
     from mbsbench.solvers.engines.export.model_check import SAME, differences
 
     from ...solvers.engines.test_mechanism_files import CompiledMechanism, moving, theirs

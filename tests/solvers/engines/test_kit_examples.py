@@ -1,14 +1,14 @@
 """Engines in the kit: the examples in the documentation pass where their engine is right and fail where it is wrong."""
 
 import importlib.util
-import sys
 
 import numpy as np
 import pytest
 
 from mbsbench import kit
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.solvers.engines.export import process
+
+from .environments import import_engine
 
 LINES = 24  # of a user's function
 TREES = ("free_fall", "spin_symmetric", "spin_asymmetric", "pendulum", "ball_pendulum")
@@ -18,10 +18,7 @@ FIRST_ORDER = (*LOOPS, "slider_crank", "slider_crank_turned", "driven_hinge")
 
 def example(engine):
     """The function in docs/examples, or a skip where the engine is not installed, here or for itself."""
-    python = process.environment_of(engine)
-    if python is not None and importlib.util.find_spec(engine) is None:
-        sys.path += map(str, python.parent.parent.glob("lib/python*/site-packages"))  # last: all else is ours
-    pytest.importorskip(engine)
+    import_engine(engine)
     path = ROOT / "docs" / "examples" / f"kit_{engine}.py"
     assert len(path.read_text(encoding="utf-8").partition("\ndef ")[2].splitlines()) - 1 <= LINES
     spec = importlib.util.spec_from_file_location(path.stem, path)
