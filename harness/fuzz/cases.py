@@ -75,8 +75,8 @@ def page(folder: Path) -> str:
     verdicts = ", ".join(f"{of[v]} {v}" for v in (*Verdict, NOT_ASKED))
     intro = (
         f"{of['trials']} trials of {who}: {of['deviations']} deviations, of which {verdicts}. A deviation is confirmed "
-        "if two other routes agree on the true motion and the code is off it. Those shown are shrunk; each is the code's "
-        "answer when it was found. `mbsbench fuzz SOLVERS --out FOLDER` continues the trials that a folder holds."
+        "if two other routes agree on the true motion and the code is off it. Those shown are shrunk, and are "
+        "answers of when they were found. `mbsbench fuzz SOLVERS --out FOLDER` continues the trials of a folder."
     )
     lines = ["# Findings of `mbsbench fuzz`", "", _fill(intro), "", *_table(summary["counts"])]
     cases = [read_case(p) for p in folder.glob("*.json") if p.name != SUMMARY]
