@@ -36,14 +36,14 @@ def run(arguments: argparse.Namespace) -> int:
     for name in names:
         registry.make_solver(name, options)  # says no to what it does not take
     form = Form.of(parse_assignments(arguments.form, "--form")) if arguments.form else None
-    settings, codes = Settings(arguments.seed, arguments.floor, options, form), {name: code_of(name) for name in names}
+    settings = Settings(arguments.seed, arguments.floor, options, form)
     folder = Path(arguments.out) if arguments.out else new_folder("fuzz")
     done = {trial.key for trial in read_trials(folder)}
     numbers = range(arguments.first, arguments.first + arguments.mechanisms)
     pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
-    left = [(n, s) for n, s in pairs if Trial(settings, codes[s], Outcome(s, Kind.SOUND, number=n)).key not in done]
+    left = [(n, s) for n, s in pairs if Trial(settings, "", Outcome(s, Kind.SOUND, number=n)).key not in done]
     for outcome in run_campaign(settings, left, count_jobs(arguments.jobs)):
-        append_trial(folder, Trial(settings, codes[outcome.solver], outcome))
+        append_trial(folder, Trial(settings, code_of(outcome.solver), outcome))
         if outcome.kind in SHOWN and not arguments.json:
             error_console().print(describe(outcome))
     for trial in read_trials(folder):

@@ -16,7 +16,7 @@ from ...solvers.engines.export.tree import spanning_tree
 from ..files import read_text, write_text
 from ..mechanics.system import GROUND
 from ..types import Problem
-from .log import SUMMARY
+from .log import NOT_ASKED, SUMMARY
 from .mechanism import Mechanism
 from .oracle import FLOOR, Kind, Oracle, Outcome, Verdict
 from .presenting import Form
@@ -72,10 +72,11 @@ def page(folder: Path) -> str:
     of = summary["counts"]["all"]
     seeds = ", ".join(map(str, summary["seeds"]))
     who = f"{len(summary['counts']) - 1} codes on {summary['mechanisms']} mechanisms (seed {seeds})"
+    verdicts = ", ".join(f"{of[v]} {v}" for v in (*Verdict, NOT_ASKED))
     intro = (
-        f"{of['trials']} trials of {who}: {of['deviations']} deviations, of which "
-        f"{', '.join(f'{of[v]} {v}' for v in Verdict)}. A deviation is confirmed if two other routes agree on the true "
-        "motion and the code is off it; of each sort a few are shrunk and shown."
+        f"{of['trials']} trials of {who}: {of['deviations']} deviations, of which {verdicts}. A deviation is confirmed "
+        "if two other routes agree on the true motion and the code is off it. Those shown are shrunk, and are "
+        "answers of when they were found. `mbsbench fuzz SOLVERS --out FOLDER` continues the trials of a folder."
     )
     lines = ["# Findings of `mbsbench fuzz`", "", _fill(intro), "", *_table(summary["counts"])]
     cases = [read_case(p) for p in folder.glob("*.json") if p.name != SUMMARY]

@@ -29,9 +29,9 @@ class Trial:
     evidence: str = ""
 
     @property
-    def key(self) -> tuple[str, str, int, str]:
-        """What it is a trial of; a later line with the same key replaces it."""
-        return str(self.settings), self.code, self.outcome.number, self.outcome.solver
+    def key(self) -> tuple[str, int, str]:
+        """What it is a trial of, by whatever code; a later line with the same key replaces it."""
+        return str(self.settings), self.outcome.number, self.outcome.solver
 
     @property
     def is_deviation(self) -> bool:
@@ -85,7 +85,7 @@ def count_trials(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
     counts: dict[str, dict[str, int]] = {}
     for trial in trials:
         names = ["trials", str(trial.outcome.kind)]
-        names += ["deviations", str(trial.verdict or "not asked")] if trial.is_deviation else []
+        names += ["deviations", str(trial.verdict or NOT_ASKED)] if trial.is_deviation else []
         for solver in (trial.outcome.solver, "all"):
             of = counts.setdefault(solver, dict.fromkeys(COLUMNS, 0))
             for name in names:
@@ -93,7 +93,8 @@ def count_trials(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
     return dict(sorted(counts.items(), key=lambda item: (item[0] == "all", item[0])))
 
 
-COLUMNS = ("trials", *map(str, Kind), "deviations", *map(str, Verdict))
+NOT_ASKED = "not asked"
+COLUMNS = ("trials", *map(str, Kind), "deviations", *map(str, Verdict), NOT_ASKED)
 
 
 def write_summary(folder: Path, trials: Iterable[Trial]) -> Mapping[str, Mapping[str, int]]:

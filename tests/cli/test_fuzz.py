@@ -5,6 +5,7 @@ from pathlib import Path
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.fuzz.cases import page
+from mbsbench.harness.fuzz.log import SUMMARY, count_trials, read_trials
 
 PUBLISHED = Path(__file__).parents[2] / "results" / "published" / "fuzz"
 
@@ -33,6 +34,7 @@ def test_a_campaign_is_continued(tmp_path, capsys):
 
 def test_the_published_page_is_that_of_its_summary_and_cases():
     """A sentence and a table of the counts, the causes as they are kept with the cases."""
+    assert json.loads((PUBLISHED / SUMMARY).read_text())["counts"] == count_trials(read_trials(PUBLISHED))
     assert (PUBLISHED / "README.md").read_text() == page(PUBLISHED)
 
 
