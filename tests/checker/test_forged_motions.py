@@ -96,21 +96,6 @@ def test_only_one_law_finds_an_edited_number(bundle, tmp_path, how):
     assert found and {line[18:56].split()[0] for line in found} == {column}
 
 
-@pytest.mark.parametrize(("cell", "value"), [("success", 2), ("runs", 2), ("least_cpu_s", 1e-9), ("solver", "rattle")])
-def test_a_cell_of_the_table_is_found(bundle, tmp_path, cell, value):
-    """With new digests, and true records."""
-    files, *_ = forged(bundle, "nothing")
-    table = json.loads(files["table.json"])
-    table[0][cell] = value
-    files["table.json"] = json.dumps(table).encode()
-    if cell == "solver":
-        with pytest.raises(ValueError, match="other rows"):
-            check(write(tmp_path / "b.zip", files))
-    else:
-        (found,) = check(write(tmp_path / "b.zip", files))
-        assert cell in found
-
-
 @pytest.mark.parametrize("where", ["every step", "its largest error"])
 def test_scaled_reactions_are_found(bundle, tmp_path, where):
     """At every step but the one that is reported, by truncation alone; there, by the equations of motion."""
