@@ -21,7 +21,7 @@ from .invariants import describe_invariants
 from .selection import REACTION, STATE, select_states
 from .table import make_table
 
-FORMAT, VERSION = "mbsbench bundle", 3
+FORMAT, VERSION = "mbsbench bundle", 4
 RUN_ID = re.compile(r"[0-9a-f]{8,64}")
 TEXT = re.compile(r"[a-z0-9_-]+\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
 LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
@@ -30,6 +30,11 @@ SORT = "system_joint_sort"
 ENERGY = "energy_error"  # of each state: no state tells the work done
 NUMBERS = ("gravity", "joint_i", "system_mass", "system_user_i", SORT, *(f"start_{name}" for name in STATE))
 Array = np.ndarray[Any, Any]
+FORCES = {  # follow the joints, as joints of one row: the names of their numbers
+    "spring": {"i": "i", "j": "j", "s_i": "p_i", "s_j": "p_j", "length": "d0", "k": "k", "c": "c"},
+    "torsion": {"i": "i", "j": "j", "u": "u", "n": "n", "length": "rest", "k": "k", "c": "c"},
+    "load": {"i": "i", "s_i": "p", "u": "force", "w": "torque", "length": "follows", "motion": "factor"},
+}
 
 
 @dataclass
@@ -127,6 +132,8 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
     plain |= {k.removeprefix("system_"): a for k, a in series.arrays.items() if k.startswith("system_")}
     plain |= {k: a for k, a in series.arrays.items() if k.startswith("start_")}
     kinds = [str(KINDS[k]) for k in plain.pop("joint_sort")]
+    kinds += [force for force in FORCES for _ in plain[f"{force}_i"]]
+    plain = _add_forces(plain)
     return {
         "problem": record.problem, "parameters": parse_json(record.problem_parameters, "parameters"),
         "t_end_s": record.t_end_s, "literal_start": is_literal(record), "section": record.section,
@@ -138,6 +145,22 @@ def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
         },
         "numbers": {name: a.tolist() for name, a in sorted(plain.items())},
     }  # fmt: skip
+
+
+def _add_forces(plain: Mapping[str, Array]) -> dict[str, Array]:
+    """The numbers of a problem, its forces added to its joints."""
+    own = {name: a for name, a in plain.items() if not name.startswith(tuple(f"{force}_" for force in FORCES))}
+    own |= {f"joint_{key}": np.zeros(len(own["joint_i"])) for key in ("k", "c")}
+    for force, names in FORCES.items():
+        size = len(plain[f"{force}_i"])
+        numbers = {key: plain[f"{force}_{name}"] for key, name in names.items()}
+        numbers |= {"moving": np.ones(size)} | ({} if "j" in names else {"j": np.full(size, -1.0)})
+        for name in [name for name in own if name.startswith("joint_")]:
+            rows = np.zeros((size, *own[name].shape[1:]))
+            given = numbers.get(name.removeprefix("joint_"), rows)
+            rows[tuple(slice(n) for n in given.shape)] = given  # two normals of three
+            own[name] = np.concatenate([own[name], rows])
+    return own
 
 
 def _write_states(stated: Array, *states: Array) -> bytes:

@@ -15,7 +15,6 @@ import pytest
 from tests.harness.ladder.forgeries.bundles import change_states
 
 PROGRAM = Path(__file__).resolve().parents[2] / "checker" / "check_bundle.py"
-sys.path.insert(0, str(PROGRAM.parent))  # as Python does for a program: it finds laws.py beside it
 SPEC = importlib.util.spec_from_file_location("check_bundle", PROGRAM)
 checker = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(checker)
@@ -67,7 +66,7 @@ def write(path, files):
 def check(path):
     """The findings; a file that is none ends in an exception."""
     with np.errstate(all="ignore"):
-        return checker.check_bundle(path).findings
+        return checker.Report(path).findings
 
 
 def change_matrix(files, name, key, function):
@@ -97,9 +96,30 @@ def change_problem(files, function):
     files[name] = json.dumps(problem).encode()
 
 
-def change_reference(files):
+def change_reference(files, quantity="v", function=lambda v: v + 1e-3):
     key = json.loads(files["runs.json"])[0]["problem"]
-    change_matrix(files, f"references/{key}.npy", "v", lambda v: v + 1e-3)
+    change_matrix(files, f"references/{key}.npy", quantity, function)
+
+
+REFERENCES = {  # of every quantity that exact states have
+    "t": lambda t: 1.01 * t,
+    "r": lambda r: r + 1e-6,
+    "R": lambda R: R * (1 + 1e-6),
+    "v": lambda v: v + 1e-6,
+    "Omega": lambda Omega: 1.00001 * Omega,
+    "stated": lambda stated: stated + 1e-6,
+}
+CELLS = {  # of every column of the table
+    "runs": lambda n: n + 1,
+    "success": lambda n: n - 1,
+    "inaccurate": lambda n: n + 1,
+    "wrong": lambda n: n + 1,
+    "least_motion_error_m": lambda x: 0.5 * float(x),
+    "least_cpu_s": lambda x: 0.5 if x == "inf" else "inf",
+    "problem": lambda name: "chain",
+    "problem_parameters": lambda text: "{}",
+    "solver": lambda name: "rattle",
+}
 
 
 PLANTED = {
@@ -118,7 +138,7 @@ PLANTED = {
 @pytest.mark.parametrize("kind", ["thin", "lossless"])
 def test_honest_bundles_agree(bundles, kind):
     with np.errstate(all="ignore"):
-        report = checker.check_bundle(bundles[kind])
+        report = checker.Report(bundles[kind])
     assert report.findings == []
     assert report.runs == 5 and report.numbers > 100
 
@@ -133,18 +153,52 @@ def test_a_planted_change_is_found(bundles, tmp_path, change, kind):
 
 
 @pytest.mark.parametrize("number", ["inertia", "gravity", "start_Omega", "joint_s_i"])
-def test_a_proved_motion_has_its_closed_form(bundles, number):
-    """Weierstrass's function gives the nutation of the top that theta functions gave; of other numbers it does not."""
+def test_a_proved_motion_has_its_closed_form(bundles, tmp_path, number):
+    """Elliptic integrals give the nutation of the top that theta functions gave; of other numbers they do not."""
     files = read(bundles["thin"])
-    name = next(n[9:-5] for n in files if n.startswith("problems/") and b'"heavy_top"' in files[n])
+    name = next(n for n in files if n.startswith("problems/") and b'"heavy_top"' in files[n])
     for factor, agree in ((1.0, True), (1.01, False)):
-        plain = json.loads(files[f"problems/{name}.json"])
+        plain = json.loads(files[name])
         plain["numbers"][number] = (factor * np.array(plain["numbers"][number])).tolist()
-        problem = checker.Problem(json.dumps(plain).encode(), files[f"references/{name}.npy"], name)
-        report = checker.Report()
-        with np.errstate(all="ignore"):
-            checker.check_reference(report, problem)
-        assert report.numbers > 4 and agree == (not any("closed form" in line for line in report.findings))
+        found = check(write(tmp_path / "b.zip", files | {name: json.dumps(plain).encode()}))
+        assert agree == (not any("closed form" in line for line in found))
+
+
+@pytest.mark.parametrize("change", ["later", "another phase"])
+def test_only_the_closed_form_finds_another_motion_of_the_same_top(bundles, tmp_path, change):
+    """Exact states at later times keep every law; so does a motion along the same path that began elsewhere on it."""
+    files = read(bundles["lossless"])
+    name = next(n[9:-5] for n in files if n.startswith("problems/") and b'"heavy_top"' in files[n])
+    values = np.load(io.BytesIO(files[f"references/{name}.npy"]))
+    values[1:] = np.roll(values[1:], 1 if change == "later" else 7, axis=1)
+    stream = io.BytesIO()
+    np.save(stream, values[:, 8:])
+    found = check(write(tmp_path / "b.zip", files | {f"references/{name}.npy": stream.getvalue()}))
+    assert {line[18:56].strip() for line in found if "reference" in line[18:29]} == {"reference: closed form / allowed"}
+
+
+@pytest.mark.parametrize("kind", ["thin", "lossless"])
+@pytest.mark.parametrize("quantity", REFERENCES)
+def test_a_forged_number_in_a_reference_is_found(bundles, tmp_path, quantity, kind):
+    files = read(bundles[kind])
+    change_reference(files, quantity, REFERENCES[quantity])
+    assert check(write(tmp_path / "b.zip", files))
+
+
+@pytest.mark.parametrize("column", CELLS)
+def test_a_forged_number_in_the_table_is_found(bundles, tmp_path, column):
+    """In each row; a row of another name makes it the table of other records."""
+    for row in range(len(json.loads(read(bundles["thin"])["table.json"]))):
+        files = read(bundles["thin"])
+        table = json.loads(files["table.json"])
+        table[row][column] = CELLS[column](table[row][column])
+        files["table.json"] = json.dumps(table).encode()
+        if column in {"problem", "problem_parameters", "solver"}:
+            with pytest.raises(ValueError, match="other rows"):
+                check(write(tmp_path / "b.zip", files))
+        else:
+            (found,) = check(write(tmp_path / "b.zip", files))
+            assert column in found
 
 
 def test_a_removed_file_or_a_wrong_digest_is_refused(bundles, tmp_path):

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,11 @@ from mbsbench.harness.catalogue.registry import load_plugin, make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.results import records, store
+from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.suites.spec import make_spec
 
+from ..harness.ladder.forgeries.bundles import NEW_DIGESTS, OF_A_RUN, OF_NUMBERS, OLD_DIGESTS
+from ..harness.ladder.forgeries.forger import CONDUCT, COSTS
 from ..harness.ladder.forgeries.motions import MOTIONS
 from .test_check_bundle import check, read, write
 
@@ -96,21 +100,6 @@ def test_only_one_law_finds_an_edited_number(bundle, tmp_path, how):
     assert found and {line[18:56].split()[0] for line in found} == {column}
 
 
-@pytest.mark.parametrize(("cell", "value"), [("success", 2), ("runs", 2), ("least_cpu_s", 1e-9), ("solver", "rattle")])
-def test_a_cell_of_the_table_is_found(bundle, tmp_path, cell, value):
-    """With new digests, and true records."""
-    files, *_ = forged(bundle, "nothing")
-    table = json.loads(files["table.json"])
-    table[0][cell] = value
-    files["table.json"] = json.dumps(table).encode()
-    if cell == "solver":
-        with pytest.raises(ValueError, match="other rows"):
-            check(write(tmp_path / "b.zip", files))
-    else:
-        (found,) = check(write(tmp_path / "b.zip", files))
-        assert cell in found
-
-
 @pytest.mark.parametrize("where", ["every step", "its largest error"])
 def test_scaled_reactions_are_found(bundle, tmp_path, where):
     """At every step but the one that is reported, by truncation alone; there, by the equations of motion."""
@@ -134,3 +123,10 @@ def test_dropped_steps_are_found(bundle, tmp_path):
     run["arrays"]["state_reaction"] = [place[0], [(place[1][0] + 1) // 2, place[1][1]]]
     files["runs.json"] = json.dumps([run]).encode()
     assert "kinematic_defect" in {line[18:56].split()[0] for line in check(write(tmp_path / "b.zip", files))}
+
+
+def test_the_page_counts_the_forgeries():
+    """Each row of its table has as many kinds as the tests."""
+    page = (ROOT / "docs" / "bundle.md").read_text(encoding="utf-8").partition("## Forgeries")[2]
+    groups = (OLD_DIGESTS, NEW_DIGESTS, OF_A_RUN, OF_NUMBERS, COSTS, CONDUCT, MOTIONS)
+    assert [int(n) for n in re.findall(r"\| (\d+) \|", page)] == [len(group) for group in groups]
