@@ -36,8 +36,8 @@ class Nearest:
 
     @property
     def symplectic(self) -> str:
-        """The verdict; empty where the modified energy is not defined."""
-        return "" if self.modified_energy is None else "yes" if self.modified_energy < SYMPLECTIC else "no"
+        """The verdict; empty where the modified energy is not defined. A large swing may be one of coarse steps."""
+        return "" if self.modified_energy is None else "yes" if self.modified_energy < SYMPLECTIC else "not shown"
 
 
 def read_nearest(folder: Path) -> dict[str, Nearest]:

@@ -110,7 +110,8 @@ COLUMNS: Sequence[Column] = (
            "mbsbench shadow finds it: what counts once chaos has made the error meaningless.", _near("largest_m")),
     Column("true_motion_until", "over", "s", "Up to this time.", _near("until_s"), time),
     Column("symplectic", "Symplectic", "", "Whether the modified energy of a fixed step swings by less than "
-           f"{SYMPLECTIC:g} of the scale.", lambda c: c.nearest.symplectic if c.nearest else ""),
+           f"{SYMPLECTIC:g} of the scale; coarse steps may hide it.",
+           lambda c: c.nearest.symplectic if c.nearest else ""),
     Column("compared_to", "Compared to", "s", "Last step before the reference or the run ends.", _of("compared_to_s"),
            time),
     Column("reference_own_error", "Stated error", "m",

@@ -58,8 +58,8 @@ def test_the_nearest_true_motion_is_beside_the_verdict_inaccurate():
     run = Run(record("aa01", status="inaccurate"), nearest=near)
     assert run.reasons[-1] == "yet a true motion within 4.3 mm (rms 0.69 mm) over 20 s"
     shown = {c.key: c.text(run) for c in COLUMNS}
-    assert (shown["true_motion"], shown["true_motion_until"], shown["symplectic"]) == ("0.00430", "20", "no")
-    assert not Run(record("aa02"), nearest=near).reasons and ",0.0043,20.0,no," in csv_of([run])
+    assert (shown["true_motion"], shown["true_motion_until"], shown["symplectic"]) == ("0.00430", "20", "not shown")
+    assert not Run(record("aa02"), nearest=near).reasons and ",0.0043,20.0,not shown," in csv_of([run])
 
 
 def test_a_cpu_time_too_short_for_the_clock_is_no_zero():

@@ -27,7 +27,7 @@ def test_a_run_has_its_own_else_that_of_its_published_settings(tmp_path) -> None
 def test_the_verdict_on_the_modified_energy() -> None:
     """None where it is not defined."""
     swings = (None, 0.5 * SYMPLECTIC, 2.0 * SYMPLECTIC)
-    assert [Nearest(modified_energy=x).symplectic for x in swings] == ["", "yes", "no"]
+    assert [Nearest(modified_energy=x).symplectic for x in swings] == ["", "yes", "not shown"]
 
 
 @pytest.mark.parametrize("text", ["[]", '{"a": 1}', '{"a": {"until_s": "x"}}', "{"])
