@@ -8,6 +8,7 @@ import numpy as np
 
 from ..harness.results import environment
 from ..harness.results.findings import Finding
+from ..harness.shadow.findings import nearest_of
 from ..harness.shadow.shadow import Shadow
 from .plots.palette import Look
 from .plots.spec import Axis, Plot, Trace
@@ -42,7 +43,8 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
     ]
     stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
     card = SimpleNamespace(facts=())
-    write_file(path, "tried.html", title=title, summary=found[0].measured.text, findings=found, charts=charts,
+    summary = nearest_of(s, None).words or found[0].measured.text
+    write_file(path, "tried.html", title=title, summary=summary, findings=found, charts=charts,
                card=card, stamp=stamp)  # fmt: skip
 
 
