@@ -176,7 +176,7 @@ def page() -> str:
         f"The energy does not: `{still['solver']}` keeps it best, to {still['energy_drift_J']:.1e} J, and has the "
         f"shadow number {near.index(still) + 1} of {len(near)} by distance. "
     )
-    slow = [f"`{r['solver']}`" for r in near if r["shadow"]["cpu_s"] > GOAL]
+    slow = [f"`{r['solver']}`" for r in sorted(rows, key=rank) if r["shadow"].get("cpu_s", 0.0) > GOAL]
     lesson += f"Shadows that took more than {GOAL:g} s of CPU: {', '.join(slow) or 'none'}. "
     if none:
         lesson += f"Lawful to the end, yet without a shadow found that far: {', '.join(none)}. "
