@@ -173,8 +173,8 @@ def page() -> str:
     near = sorted((r for r in rows if r["shadow"] in shadows), key=rank)
     still = min(near, key=lambda r: r["energy_drift_J"])
     lesson += (
-        f"The energy does not: `{still['solver']}` keeps it best, to {still['energy_drift_J']:.1e} J, and has the "
-        f"shadow number {near.index(still) + 1} of {len(near)} by distance. "
+        f"The energy does not: `{still['solver']}` keeps it best, to {still['energy_drift_J']:.1e} J, and its "
+        f"shadow is number {near.index(still) + 1} of {len(near)} by distance. "
     )
     slow = [f"`{r['solver']}`" for r in sorted(rows, key=rank) if r["shadow"].get("cpu_s", 0.0) > GOAL]
     lesson += f"Shadows that took more than {GOAL:g} s of CPU: {', '.join(slow) or 'none'}. "

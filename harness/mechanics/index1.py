@@ -34,7 +34,7 @@ class Index1(NamedTuple):
 
 
 def index_1(system: MultibodySystem, s: States) -> Index1:
-    """All of it at each time of ``s``."""
+    """Accelerations, reactions and their loads on the bodies by index 1, at each time of ``s``."""
     n, nb, nrows = len(s), system.nb, system.nrows
     out = Index1(*(np.full(shape, np.nan) for shape in ((n, nb, 6), (n, nrows), (n, nb, 6))))
     L = np.zeros((nb, 6, 6))  # of L L^T = M, with what is lent

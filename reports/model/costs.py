@@ -75,7 +75,7 @@ def _why(runs: Sequence[Run], best: float | None, unit: str) -> str:
     if best is not None:
         return f"best {length(float(f'{best:.1e}'), unit)}" if best > 0.0 else f"best 0 {unit}"
     if wrong:
-        return f"{mark('wrong').symbol} says success, is wrong"
+        return f"{mark('wrong').symbol} reports success, is wrong"
     return mark(runs[0].status).word
 
 

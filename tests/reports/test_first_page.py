@@ -176,8 +176,8 @@ def shown(table: pd.DataFrame) -> set[str]:
     ran, out = table[table.status != "refused"], set[str]()
     wrong = ran[ran.status == "wrong"]
     out.add(f"{table.solver.nunique()} solvers on {table.problem.nunique()} mechanisms whose exact motion is known: "
-            f"{len(wrong)} of {len(ran)} runs says success and is wrong.")  # fmt: skip
-    out.add(f"{len(wrong)} run says success and is wrong; as published, also runs of Exudyn, Pinocchio and MuJoCo")
+            f"{len(wrong)} of {len(ran)} runs reports success and is wrong.")  # fmt: skip
+    out.add(f"{len(wrong)} run reports success and is wrong; as published, also runs of Exudyn, Pinocchio and MuJoCo")
     motion = moving(0).arrays
     picture = np.linspace(0.0, motion["t"][-1], FRAMES)[round(1.0 / motion["t"][-1] * (FRAMES - 1))]
     off = np.interp(picture, motion["t"], motion["position_error"])
@@ -264,10 +264,10 @@ def test_sentences_and_cards_have_the_numbers_of_the_table(built):
     ran = table[table.status != "refused"]
     wrong = ran[ran.status == "wrong"]
     assert f"{table.solver.nunique()} solvers on {table.problem.nunique()} mechanisms" in text
-    assert f"{len(wrong)} of {len(ran)} runs says success and is wrong." in text
+    assert f"{len(wrong)} of {len(ran)} runs reports success and is wrong." in text
     (reason,) = json.loads(wrong.wrong_because.iloc[0])
     assert f"{number(reason['value'] / reason['limit'], 2)} × its limit" in text
-    assert "1 run says success and is wrong" in text
+    assert "1 run reports success and is wrong" in text
     followed = table[table.accurate_until_s.notna()]
     known = np.minimum(followed.t_end_s, followed.reference_horizon_s)
     whole = int((followed.accurate_until_s >= 0.999 * known).sum())

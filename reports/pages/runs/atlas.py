@@ -112,7 +112,7 @@ def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
 def title(all_of: Score) -> str:
     """How many stopped, and how many claim success without reason."""
     wrong = all_of.wrong
-    say = "says success and is" if wrong == 1 else "say success and are"
+    say = "reports success and is" if wrong == 1 else "report success and are"
     return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {say} wrong"
 
 

@@ -57,7 +57,7 @@ def lead(results: Results) -> str:
     ran = [c for c in results.runs if not c.unfinished and c.status != "refused"]
     wrong = sum(c.status == "wrong" for c in ran)
     said = f"{plural(len(results.solvers), 'solver')} on {mechanisms(results)}: "
-    one = "says success and is" if wrong == 1 else "say success and are"
+    one = "reports success and is" if wrong == 1 else "report success and are"
     return f"{said}{wrong} of {plural(len(ran), 'run')} {one} wrong."
 
 

@@ -75,7 +75,7 @@ def test_survival_counts_every_run_once():
     ((found, least),) = survival(runs).values()
     assert (found.began, found.refused, found.stopped, found.wrong, found.succeeded) == (9, 1, 2, 3, 4)
     assert least == 0.0
-    assert title(found) == "2 of 9 runs stopped, 3 say success and are wrong"
+    assert title(found) == "2 of 9 runs stopped, 3 report success and are wrong"
 
 
 def test_wrong_ones_are_grouped_by_the_law_they_break():
