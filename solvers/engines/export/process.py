@@ -84,6 +84,8 @@ class Process:
         native, code = self._errors.read().decode(errors="replace"), self._child.returncode
         sys.stderr.write(native)
         last = next((line.strip() for line in reversed(native.splitlines()) if line.strip()), "it wrote nothing")
+        if code == -signal.SIGXCPU:
+            return StepFailure(Status.STALLED, f"the CPU limit was reached in the process of {self._name}")
         ended = f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
         return StepFailure(Status.CRASHED, f"the process of {self._name} was ended {ended}: {last}")
 

@@ -16,7 +16,7 @@ from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines.export import process, protocol
 
 PENDULUM = '''
-import os, sys
+import os, signal, sys
 import numpy as np
 
 class Model:
@@ -47,6 +47,8 @@ class Model:
         if self.fault == "death":
             print("out of marbles", file=sys.stderr, flush=True)
             os.abort()
+        if self.fault == "limit":
+            os.kill(os.getpid(), signal.SIGXCPU)
         print("engines talk")
         rows = []
         for k in range(steps):
@@ -121,6 +123,11 @@ def test_a_dying_engine_leaves_its_last_words(apart, capfd):
     assert t.message.endswith("the process of pendulum was ended by SIGABRT: out of marbles")
     assert "out of marbles" in capfd.readouterr().err
     assert Pendulum().solve(problem, StepControl(dt=1e-3)).status is Status.SUCCESS  # the next has a new one
+
+
+def test_a_limit_of_the_system_in_its_process_is_no_crash(apart):
+    t = Pendulum("limit").solve(make_problem(*PROBLEM), StepControl(dt=1e-3))
+    assert t.status is Status.STALLED and t.message.endswith("the CPU limit was reached in the process of pendulum")
 
 
 def test_a_stop_keeps_the_steps_before(apart):
