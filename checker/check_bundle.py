@@ -262,7 +262,7 @@ class Report:  # what was compared in a bundle, and what disagrees; an exception
         recorded, number = self.rec[column] if recorded is None else recorded, isinstance(value, float)
         value, recorded = (np.inf if np.isnan(value) else value, float(recorded)) if number else (value, recorded)
         same = value == recorded or (number and abs(value - recorded) <= REL * abs(recorded) + slack < np.inf)
-        if value is None or not (same or full or value > recorded):
+        if value is None or (not (same or full) and value <= recorded):
             self.undecided.append((why if value is None else "only a lower bound", column))
         else:
             line, self.numbers = f"{self.run:17} {column:38} {str(recorded)[:48]:>24} {str(value)[:48]:>24}", self.numbers + 1

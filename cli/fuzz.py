@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     form = Form.of(parse_assignments(arguments.form, "--form")) if arguments.form else None
     settings = Settings(arguments.seed, arguments.floor, options, form)
     folder = Path(arguments.out) if arguments.out else new_folder("fuzz")
-    done = {trial.key for trial in read_trials(folder)}
+    done = {trial.key for trial in read_trials(folder) if trial.code == code_of(trial.outcome.solver)}
     numbers = range(arguments.first, arguments.first + arguments.mechanisms)
     pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
     left = [(n, s) for n, s in pairs if Trial(settings, "", Outcome(s, Kind.SOUND, number=n)).key not in done]

@@ -76,7 +76,7 @@ def ask_second_route(trial: Trial) -> Trial:
         send(json.dumps(oracle.decide(found.solver, registry.make_solver(found.solver, settings.options))))
 
     sent = Apart(target, limit=CPU, memory=MEMORY).wait().sent
-    verdict, evidence = json.loads(sent) if sent else (Verdict.UNDECIDABLE, "the second route took too long")
+    verdict, evidence = json.loads(sent) if sent else (Verdict.UNDECIDABLE, "the second route did not answer")
     return replace(trial, verdict=Verdict(verdict), evidence=evidence)
 
 

@@ -148,8 +148,9 @@ class Oracle:
         """Whether other routes confirm a deviation of ``name``, and their evidence or why they cannot."""
         solver = registry.make_solver(name) if solver is None else solver
         found = self.examine(name, solver)
-        if found.kind not in FINDINGS:
-            return Verdict.DISMISSED, f"the deviation does not come back: {found.kind}"
+        if found.kind not in FINDINGS:  # a run that fails or is refused now shows nothing about the deviation
+            again = Verdict.DISMISSED if found.kind is Kind.SOUND else Verdict.UNDECIDABLE
+            return again, f"the deviation does not come back: {found.kind}"
         reference = compute_reference(self.problem) if is_computable(self.problem.system) else None
         if reference is None or reference.horizon < self.problem.t_end:
             return Verdict.UNDECIDABLE, "the second route states no error for the end of the motion"

@@ -27,7 +27,7 @@ from ..types import Problem
 from .taylor import Series, Sums, exactly, in_parts
 
 TOLERANCE = {80: 2.0**-64, 113: 2.0**-112}
-LOOSER, TEN = 2.0**4, 10.0  # tolerance of the second run; error over its difference
+LOOSER, SAFETY = 2.0**4, 10.0  # tolerance of the second run; error over its difference
 LAST = 7  # before the last: by symmetry most of them may vanish, as those of a pendulum that starts from rest
 CLOSING = 4  # Newton steps onto the loops at the start, each of which doubles the digits
 
@@ -112,27 +112,31 @@ def make(problem: Problem, t_end: Fraction, bits: int, rows: int) -> tuple[State
     poses, apart, own = [], [0.0], slice(12 * problem.system.nb)
     for x, y in zip(flow.march(times), rough.march(times), strict=True):
         poses.append(flow.poses(x))
-        apart.append(max(apart[-1], difference(poses[-1][own], rough.poses(y)[own])))
-    return rounded(times, poses), TEN * np.array(apart[1:]), flow
+        apart.append(np.maximum(apart[-1], difference(poses[-1][own], rough.poses(y)[own])))  # keeps a NaN
+    if not np.isfinite(apart[-1]):
+        raise ArithmeticError("the motion is no longer finite: give a shorter time")
+    return rounded(times, poses), SAFETY * np.array(apart[1:]), flow
 
 
 def main() -> None:
     """The command above."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("problem", help="name of a problem, or a mechanism's file")
-    parser.add_argument("t_end", type=Fraction, help="[s]")
+    parser.add_argument("t_end", help="[s], as 2, 0.5 or 1/3")
     parser.add_argument("--bits", type=int, choices=list(TOLERANCE), default=80)
     parser.add_argument("--problem-set", metavar="K=V", action="append", default=[], help="problem parameter")
     parser.add_argument("--rows", type=int, default=1001, help="of the file, even in time (default: 1001)")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.npz")
     arguments = parser.parse_args()
     try:
-        if arguments.rows < 2 or arguments.t_end <= 0:
+        t_end = Fraction(arguments.t_end)
+        if arguments.rows < 2 or t_end <= 0:
             raise ValueError(f"give at least 2 rows and a time above 0 (got {arguments.rows}, {arguments.t_end})")
         problem = make_problem(arguments.problem, dict(pair.partition("=")[::2] for pair in arguments.problem_set))
-        states, error, flow = make(problem, arguments.t_end, arguments.bits, arguments.rows)
+        states, error, flow = make(problem, t_end, arguments.bits, arguments.rows)
         t, *parts = states.times, states.r, states.R, states.v, states.Omega
-        write_npz(arguments.out, dict(zip(("t", "r", "R", "v", "Omega", "error"), (t, *parts, error), strict=True)))
+        stored = error + 0.5 * np.spacing(max(np.max(np.abs(part)) for part in parts[:2]))  # poses as doubles
+        write_npz(arguments.out, dict(zip(("t", "r", "R", "v", "Omega", "error"), (t, *parts, stored), strict=True)))
     except (ArithmeticError, OSError, ValueError) as reason:
         parser.error(str(reason))
     sys.stdout.write(

@@ -201,6 +201,20 @@ def test_a_forged_number_in_the_table_is_found(bundles, tmp_path, column):
             assert column in found
 
 
+@pytest.mark.parametrize("column", ["judged_to_s", "gap_share_max", "motion_error_max_m", "phi_max", "energy_scale_J"])
+def test_a_number_that_is_none_hides_nothing(bundles, tmp_path, column):
+    """Also where the bundle keeps no state of the largest value, which then is no bound."""
+    files = read(bundles["thin"])
+    records, runs = json.loads(files["records.json"]), json.loads(files["runs.json"])
+    place = next(k for k, record in enumerate(records) if record["claimed"] == "success")
+    assert column in records[place]
+    records[place][column] = "nan"
+    run = next(run for run in runs if run["run_id"] == records[place]["run_id"])
+    run["peaks_s"].pop(column, None)
+    files |= {"records.json": json.dumps(records).encode(), "runs.json": json.dumps(runs).encode()}
+    assert any(column in line for line in check(write(tmp_path / "b.zip", files)))
+
+
 def test_a_removed_file_or_a_wrong_digest_is_refused(bundles, tmp_path):
     files = read(bundles["thin"])
     with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
