@@ -26,13 +26,15 @@ class Nearest:
     largest_m: float | None = None
     rms_m: float | None = None
     modified_energy: float | None = None  # of the scale
+    published: bool = False  # of a run with these settings, by the code of its day
 
     @property
     def words(self) -> str:
         """``a true motion within 0.577 mm (rms 0.165 mm) over 5 s``."""
         if not self.until_s or self.largest_m is None or self.rms_m is None:
             return ""
-        return f"a true motion within {_length(self.largest_m)} (rms {_length(self.rms_m)}) over {self.until_s:.4g} s"
+        words = f"a true motion within {_length(self.largest_m)} (rms {_length(self.rms_m)}) over {self.until_s:.4g} s"
+        return f"{words}, as published" if self.published else words
 
     @property
     def symplectic(self) -> str:
@@ -61,7 +63,7 @@ def keep_nearest(folder: Path, record: RunRecord, nearest: Nearest) -> None:
 
 def _of(row: dict[str, Any]) -> Nearest:
     shadow = row["shadow"]
-    return Nearest(shadow.get("until_s"), shadow.get("largest_m"), shadow.get("rms_m"), row["modified_energy"])
+    return Nearest(shadow.get("until_s"), shadow.get("largest_m"), shadow.get("rms_m"), row["modified_energy"], True)
 
 
 def _read(place: Place, kind: Any) -> Any:

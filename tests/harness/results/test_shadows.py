@@ -20,7 +20,7 @@ def test_a_run_has_its_own_else_that_of_its_published_settings(tmp_path) -> None
     found, published = nearest_of(own, known), nearest_of(like, known)
     assert found is not None and published is not None and nearest_of(other, known) is None
     assert found.words == "a true motion within 0.577 mm (rms 0.165 mm) over 5 s"
-    assert published.until_s == 20.0 and published.words.endswith("over 20 s")
+    assert published.until_s == 20.0 and published.words.endswith("over 20 s, as published")
     assert known["d4"].words == ""
 
 
