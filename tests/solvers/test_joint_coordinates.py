@@ -170,7 +170,8 @@ def check_energy(problem: Problem, out: Trajectory, rtol: float) -> None:
 
 @pytest.mark.parametrize(("name", "parameters"), [("n_four_bar", {}), ("four_bar_grid", {"release": "all_rows"})])
 def test_singular_positions_are_passed_by_code_at_every_tolerance(name: str, parameters: dict[str, str]) -> None:
-    """A passage costs a few steps and no order: errors fall as rtol^(8/9), the power of the pair, or faster.
+    """A passage costs a few steps and no order: errors fall as rtol^(8/9), the power of the pair, or faster, within two
+    standard errors of the fit.
 
     How much an error grows until the end differs with where it is made, a thousandfold on the grid: runs scatter.
     """
