@@ -62,7 +62,8 @@ def false_successes(results: Results, label: str) -> tuple[list[FalseSuccess], i
 
 def wrong_title(cards: Sequence[FalseSuccess], wrong: int) -> str:
     """How many runs, and which code of others is among them, here or as published."""
-    said = f"{plural(wrong, 'run')} {'reports' if wrong == 1 else 'report'} success and {'is' if wrong == 1 else 'are'} wrong"
+    verbs = "reports success and is" if wrong == 1 else "report success and are"
+    said = f"{plural(wrong, 'run')} {verbs} wrong"
     here, elsewhere = (list(dict.fromkeys(c.code for c in cards if c.code and c.published is p)) for p in (False, True))
     by = f", among them {join_words(here)} at some settings" if here else ""
     return f"{said}{by}{f'; as published, also runs of {join_words(elsewhere)}' if elsewhere else ''}"
