@@ -60,7 +60,7 @@ class Form:
             bare = replace(bare, system=parts.system(self.weld), initial=parts.state(problem.initial))
         return replace(in_frame(bare, so3.exp(np.array(self.rotation))), presentation=self.plain)
 
-    def seen(self, problem: Problem) -> Problem:
+    def present(self, problem: Problem) -> Problem:
         """``problem`` as a code gets it."""
         return present_problem(self.problem(problem), StepControl(dt=problem.dt))[0]
 

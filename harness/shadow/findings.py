@@ -30,7 +30,7 @@ def describe_shadow(s: Shadow) -> list[Finding]:
         ("CPU time", s.cpu_s, "s"),
     )
     return [
-        state("true motion nearby", describe_extent(s), f"over {s.t_end:.6g} s", s.found),
+        state("true motion nearby", describe_extent(s), f"over {s.t_end:.6g} s", s.is_complete),
         _name("largest gap left", compare(s.gap, "m", most=GAP)),
         _name("largest distance of C", compare(float(np.max(C)), "m", most=most, words=at, tested=s.until > 0.0)),
         *(Finding(Measured(name, float(value), unit)) for name, value, unit in numbers if s.until > 0.0 or not unit),
@@ -43,7 +43,7 @@ def summarize_shadow(s: Shadow) -> dict[str, str | float]:
     numbers = {"until_s": s.until, "largest_m": largest, "rms_m": rms, "gap_m": s.gap, "glitch_s": s.glitch}
     if not s.until > 0.0:
         return {"words": f"none found near it: {describe_extent(s)}", **numbers}
-    over = f"over {s.until:.4g} s" + ("" if s.found else f" of {s.t_end:.4g} s; a glitch near {s.glitch:.4g} s")
+    over = f"over {s.until:.4g} s" + ("" if s.is_complete else f" of {s.t_end:.4g} s; a glitch near {s.glitch:.4g} s")
     return {"words": f"one within {1e3 * largest:.3g} mm, rms {1e3 * rms:.3g} mm, {over}", **numbers}
 
 
@@ -59,7 +59,7 @@ def nearest_of(s: Shadow, m: ModifiedEnergy | None) -> Nearest:
 def describe_extent(s: Shadow) -> str:
     """How long a shadow was found, and where the first glitch is."""
     where = f"{s.until:.6g} s{', in the plane' * s.in_plane}" if s.until > 0.0 else "no time"
-    return f"found over {where}" if s.found else f"found over {where}; a glitch near {s.glitch:.4g} s"
+    return f"found over {where}" if s.is_complete else f"found over {where}; a glitch near {s.glitch:.4g} s"
 
 
 def describe_energy(m: ModifiedEnergy) -> list[Finding]:

@@ -46,7 +46,7 @@ class Shadow:
     cpu_s: float
 
     @property
-    def found(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether there is a shadow over the whole time."""
         return self.gap < GAP and math.isnan(self.glitch)
 

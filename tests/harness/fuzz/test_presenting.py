@@ -78,7 +78,7 @@ def accelerations_in(form: Form, problem: Problem, rates: Rates) -> State:
             v[k] += start.R[b] @ np.cross(Omega, np.cross(Omega, arm))
         out = replace(out, v=v)
     turned = rotate_states(States.one(out), so3.exp(np.array(form.rotation)))[0]
-    seen = form.plain.state(replace(form, plain=Presentation()).seen(problem).system, turned)
+    seen = form.plain.state(replace(form, plain=Presentation()).present(problem).system, turned)
     return replace(seen, v=seen.v / form.plain.unit_time, Omega=seen.Omega / form.plain.unit_time)
 
 
@@ -87,7 +87,7 @@ def test_forms_keep_accelerations_and_energy(form):
     """Newton's laws know no numbers, units or frames, and a weld does not move."""
     for m in mechanisms():
         problem = m.problem()
-        seen, plain = form.seen(problem), form.plain
+        seen, plain = form.present(problem), form.plain
         check_start(seen.system, seen.initial)
         ours, theirs = accelerations(problem.system, problem.initial), accelerations(seen.system, seen.initial)
         expected = accelerations_in(form, problem, ours)
@@ -103,7 +103,7 @@ def test_forms_keep_accelerations_and_energy(form):
 def test_a_split_body_is_two_bodies_that_can_exist():
     """Second moments of both parts stay positive."""
     for m in mechanisms():
-        s = Form(split=1).seen(m.problem()).system
+        s = Form(split=1).present(m.problem()).system
         for J in (s.inertia[0], s.inertia[-1]):
             assert np.all(np.linalg.eigvalsh(0.5 * np.trace(J) * np.eye(3) - J) > 0.0)
         assert s.joint_kind(s.nj - 1) == JointKind.FIXED
@@ -132,4 +132,4 @@ def test_turning_is_that_of_the_catalogue():
     """``rotation`` of a problem and of a form are one thing."""
     problem = mechanisms()[0].problem()
     turned = in_frame(problem, so3.exp(np.array(TURN)))
-    assert np.array_equal(Form(rotation=TURN).seen(problem).initial.r, turned.initial.r)
+    assert np.array_equal(Form(rotation=TURN).present(problem).initial.r, turned.initial.r)

@@ -106,7 +106,7 @@ def test_shadow_of_a_linear_problem_is_its_least_squares():
     exact = rotation(shadow.t, OMEGA)
     at = rotation(shadow.t, 1.01 * OMEGA) @ start
     best = np.linalg.lstsq((weight @ exact).reshape(-1, 2), (weight @ at).reshape(-1, 3), rcond=None)[0]
-    assert shadow.found
+    assert shadow.is_complete
     assert np.allclose(shadow.true.r[:, 0], (exact @ best)[:, 0], atol=1e-3 * np.max(shadow.distance))
 
 
@@ -159,7 +159,7 @@ def test_false_motion_has_a_far_shadow():
 def test_distance_has_the_order_of_the_solver(solver, order, slack, steps):
     """A method of order p has a true motion within C dt^p, before chaos as well as after."""
     found = [shadow_of("chain", solver, dt, 0.6, (("links", 6),))[2] for dt in steps]
-    assert all(s.found and s.gap < GAP for s in found)
+    assert all(s.is_complete and s.gap < GAP for s in found)
     first, second = (np.sqrt(np.mean(s.distance**2)) for s in found)
     assert np.log2(first / second) == pytest.approx(order, abs=slack)
 
@@ -172,7 +172,7 @@ def test_chain_is_shadowed_where_its_error_says_nothing(solver):
     By a factor near 4, not by 4: the two motions are different ones of a chaotic mechanism.
     """
     found = [shadow_of("chain", solver, dt, 5.0)[2] for dt in (1e-3, 5e-4)]
-    assert all(s.found for s in found)
+    assert all(s.is_complete for s in found)
     first, second = (np.sqrt(np.mean(s.distance**2)) for s in found)
     assert 2.0 < first / second < 8.0
     assert np.max(found[1].distance) < 1e-3
