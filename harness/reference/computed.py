@@ -52,7 +52,7 @@ class ComputedReference:
 
     orbit: Orbit
     first: NewtonEuler
-    route: str = "computed: Newton-Euler (DOP853), agreeing with natural coordinates (extrapolation); stiff: Radau IIA"
+    route: str = "computed: Newton-Euler (DOP853), agreeing with natural coordinates (extrapolation)"
 
     @property
     def horizon(self) -> float:
