@@ -31,10 +31,10 @@ from ...harness.mechanics.system import GROUND, MultibodySystem
 from ...harness.mechanics.time_functions import values, varies
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
-from .export.engine import beyond, made_by, missing, package
+from .export.engine import Taken, beyond, made_by, missing, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
-from .export.tree import KINDS, PARALLEL
+from .export.tree import DRIVES, KINDS, PARALLEL
 
 PIVOT = 1e-9  # of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
 INTEGRATORS = ("TrapezoidalIndex2", "GeneralizedAlpha")
@@ -59,16 +59,19 @@ class Exudyn(Clocked):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
-    kinds: ClassVar[tuple[str, ...]] = (
-        *KINDS, JointKind.ON_LINE, JointKind.ON_PLANE, JointKind.NORMAL, JointKind.DISTANCE, MovingKind.ROLLING
-    )  # fmt: skip
-    torsions: ClassVar[bool] = True
-    loads: ClassVar[str] = "varying"
+    takes: ClassVar[Taken] = Taken(
+        (*KINDS, JointKind.ON_LINE, JointKind.ON_PLANE, JointKind.NORMAL, JointKind.DISTANCE, MovingKind.ROLLING),
+        loads="varying",
+        lacks={
+            **dict.fromkeys(DRIVES, "its generic joint knows no rate of a prescribed motion"),
+            MovingKind.DRIVEN_DISTANCE: "its distance is a number",
+        },
+    )
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why Exudyn cannot take the problem, or None."""
-        reason = missing("exudyn") or beyond(problem.system, self.kinds, torsions=True, loads=self.loads)
+        reason = missing("exudyn") or beyond(problem.system, self.takes)
         if reason is not None:
             return reason
         try:
@@ -239,9 +242,9 @@ class Model:
         i, j, (e, b) = int(system.torsion_i[k]), int(system.torsion_j[k]), system.torsion_n[k]
         R, axis, u = np.concatenate((start.R, np.eye(3)[None])), np.cross(e, b), system.torsion_u[k]
         in_i = R[i].T @ R[j] @ axis
-        hinges = [system.joint_u[n] if system.joint_i[n] == j else np.cross(*system.joint_n[n, :2])
-                  for n in range(system.nj)
-                  if {int(system.joint_i[n]), int(system.joint_j[n])} == {i, j} and system.joint_kind(n) in AXIAL]  # fmt: skip
+        ends = list(zip(system.joint_i.tolist(), system.joint_j.tolist(), strict=True))
+        hinges = [system.joint_u[n] if ends[n][0] == j else np.cross(*system.joint_n[n, :2])
+                  for n in range(system.nj) if set(ends[n]) == {i, j} and system.joint_kind(n) in AXIAL]  # fmt: skip
         if not any(abs(abs(axis @ hinge) - 1.0) < PARALLEL for hinge in hinges):
             raise ValueError("a torsional spring is not about the axis of a hinge or a cylinder")
         angle = float(system.torsion_rest[k])

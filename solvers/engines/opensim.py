@@ -10,6 +10,8 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.joints import MovingKind
+from .export.engine import Taken
 from .export.protocol import Adapter
 from .export.tree import DRIVES, KINDS, LINKS
 
@@ -29,8 +31,14 @@ class OpenSim(Adapter):
     settings: str = option("ours", "accuracy as given by rtol, or as it comes", choices=("ours", "default"))
 
     control: ClassVar[str] = "rtol"
-    kinds: ClassVar[tuple[str, ...]] = (*KINDS, *DRIVES, *LINKS)
-    loads: ClassVar[str] = "varying"
+    takes: ClassVar[Taken] = Taken(
+        (*KINDS, *DRIVES, *LINKS),
+        loads="varying",
+        lacks={
+            MovingKind.ROLLING: "its contact can lift off",
+            "rack and pinion": "it couples coordinates of its tree alone",
+        },
+    )
     inside: ClassVar[str] = "opensim"
     package: ClassVar[str] = "opensim"
     wheel: ClassVar[str] = "opensim"

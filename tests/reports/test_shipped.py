@@ -48,6 +48,12 @@ def test_the_tables_of_the_page_on_engines_are_what_is_published():
     assert list_engines.TABLES.findall(page) == [list_engines.tables()]
 
 
+def test_the_page_on_engines_lists_what_their_adapters_take():
+    """Made by docs/list_engines.py from what they declare."""
+    page = list_engines.PAGE.read_text(encoding="utf-8")
+    assert list_engines.ELEMENTS.findall(page) == [list_engines.elements()]
+
+
 def test_nothing_is_published_of_a_changed_checkout(tmp_path, monkeypatch):
     """Nor of runs made at two commits."""
     monkeypatch.setattr(list_engines, "PUBLISHED", tmp_path / "contests.json")

@@ -12,7 +12,7 @@ from .tree import PARALLEL, Kind, Tree
 
 
 def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
-    """Limbs (with the ``torsion`` and ``drive`` of a hinge), cuts, links, springs, loads; vectors in the frames of bodies."""
+    """Limbs (with ``torsion``, ``drive`` of a hinge), cuts, links, springs, loads; vectors in the frames of bodies."""
     torsions = springs_of_hinges(system, start, tree)
     drives = {drive.body: {"name": drive.name, "motion": drive.motion} for drive in tree.drives}
     limbs = [

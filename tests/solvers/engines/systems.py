@@ -48,6 +48,22 @@ def sliding() -> Problem:
     return problem("sliding", system, consistent(system, 3), 0.5)
 
 
+def jointed(*, plain: bool) -> Problem:
+    """An open chain of a slide, a ball joint or a universal one, a hinge or a cylinder, and a weld, moving."""
+    pose, a, b, c = linkage(springs=False), (1.0, 2.0, 3.0), (0.5, -1.0, 0.2), (0.0, 1.0, 1.0)
+    inertias = (*pose.inertia, pose.inertia[0])
+    parts = [RigidBody(m, J) for m, J in zip((*pose.mass, 0.9), inertias, strict=True)]
+    kinds = ("spherical", "revolute") if plain else ("universal", "cylindrical")
+    joints = [
+        Joint(0, (0.3, 0.1, 0.0), GROUND, (0.1, -0.2, 0.3), a, b, kind="prismatic", across_i=c, across_j=a),
+        Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2), *((None, None) if plain else (a, c)), kind=kinds[0]),
+        Joint(2, (0.1, 0.2, 0.3), 1, (-0.3, 0.2, 0.0), b, a, kind=kinds[1]),
+        Joint(3, (0.1, 0.1, 0.1), 2, (0.0, 0.2, 0.0), c, b, kind="fixed", across_i=a, across_j=c),
+    ]
+    system = assemble(parts, joints, (1.1, -2.3, -9.5))
+    return problem("jointed", system, consistent(system, 3), 0.2)
+
+
 def loaded(*, varying: bool) -> Problem:
     """A chain of tilted bodies on a ball joint and a hinge, pushed off its centres in space and in a body, moving."""
     factor = TimeFunction((0.3, 0.4, -0.2, 0.1), 0.2, 5.0, 0.7) if varying else TimeFunction((0.7,))
@@ -114,5 +130,6 @@ PROBLEMS = {
 } | {
     "slider_crank": lambda: slider_crank(hinged=True), "sprung": lambda: sprung(0.7),
     "loaded": lambda: loaded(varying=False), "loaded_in_time": lambda: loaded(varying=True),
+    "jointed": lambda: jointed(plain=True), "jointed_otherwise": lambda: jointed(plain=False),
     "rolling": lambda: make_problem("rolling_disc", {"rotation": (0.3, -0.5, 0.7)}),
 }  # fmt: skip
