@@ -20,10 +20,9 @@ from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record
 from mbsbench.harness.suites.suite import load_suite
-from mbsbench.reports.mechanism.segments import mechanism_of
+from mbsbench.reports.mechanism.segments import mechanism_of, view_of
 from mbsbench.reports.mechanism.stage import load_poses, segments_at
 from mbsbench.reports.mechanism.theatre.scene import stored_exact
-from mbsbench.reports.mechanism.view import view_of
 from mbsbench.reports.model.catalogue import code_of_others, is_engine
 from mbsbench.reports.model.frontier import Frontier, frontiers
 from mbsbench.reports.model.results import Results, read_results

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..harness.places import Place
+from .model.accuracy import measure_for
 from .model.heat import heat
 from .model.motion import motion_of
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
@@ -21,7 +22,7 @@ from .plots.palette import looks
 from .plots.printed import figure
 from .plots.spec import Plot, Trace
 from .plots.style import DOUBLE, SINGLE, save
-from .plots.work import PAIRS, list_points, work_plots
+from .plots.work import list_points, work_plots
 from .tried import render_file
 
 FOLDER = "publication"
@@ -88,7 +89,11 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
 def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
     """Work against error of all runs; then of every label the laws, each alone and together."""
     own = looks(results.solvers)
-    work = list(work_plots("work", list_points(variant), PAIRS).values()) if len(variant.runs) >= LEAST else []
+    work = (
+        list(work_plots("work", list_points(variant), measure_for(variant.runs)).values())
+        if len(variant.runs) >= LEAST
+        else []
+    )
     if work:
         yield Printed(f"{variant.slug}-work", f"{variant.title}: work against error. {WORK}", DOUBLE,
                       partial(figure, work, own, height=2.3))  # fmt: skip

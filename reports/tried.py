@@ -16,7 +16,7 @@ from ..harness.files import write_text
 from ..harness.places import Place
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
-from .model.followed import list_followed
+from .model.accuracy import list_followed, measure_for
 from .model.frontier import frontiers, of_most_problems
 from .model.motion import motion_of
 from .model.provenance import stamp
@@ -30,7 +30,7 @@ from .plots.palette import Look, looks
 from .plots.printed import figure
 from .plots.spec import Plot, Trace
 from .plots.style import save
-from .plots.work import PAIRS, list_points, work_plots
+from .plots.work import list_points, work_plots
 
 TEMPLATES = Path(__file__).parent / "templates"
 QUANTITIES = ("position", "orientation", "energy", "reaction")
@@ -88,7 +88,7 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
         runs = variant.labels().get("ladder", ())
         if runs:
             points = list_points(replace(variant, runs=runs))
-            if plots := list(work_plots("work", points, PAIRS).values()):
+            if plots := list(work_plots("work", points, measure_for(runs)).values()):
                 yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
 
 

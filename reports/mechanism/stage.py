@@ -14,10 +14,9 @@ from ..model.accuracy import Measure
 from ..model.results import Results, Run
 from ..plots.browser import Steps
 from ..plots.palette import Look
-from .segments import Mechanism, mechanism_of
+from .segments import Mechanism, flat, mechanism_of, view_of
 from .theatre.poses import Poses, finite, interpolate_poses
 from .theatre.scene import player_of, stored_exact
-from .view import flat, view_of
 
 FRAMES = 240  # of a stage; more bodies have fewer, or its file would be large
 COORDINATES = 30_000  # of a player, at most

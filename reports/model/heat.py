@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from .margin import Margin, margin
+from .accuracy import Margin, margin
 from .results import Results, Run, Variant, by_solver
 from .scores import finest
 from .variants import broadest, plain_runs, themselves

@@ -159,6 +159,11 @@ class Results:
     def solvers(self) -> tuple[str, ...]:
         return tuple(sorted({c.record.solver for c in self.runs}))
 
+    @property
+    def plugins(self) -> list[str]:
+        """Files and packages with problems or solvers that were not ours."""
+        return [str(p) for p in self.environment.get("plugins") or []]
+
     def labels(self) -> tuple[str, ...]:
         """Labels of the suite, the one with most runs first."""
         number = Counter(run.record.label for run in self.runs)

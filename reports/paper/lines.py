@@ -1,60 +1,32 @@
 """The panels of a figure as plots: the chosen runs' series in a window, and the exact motion in ink."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ...harness.results.records import RunRecord
-from ...harness.results.series import Series
 from ..model import curves
-from ..model.curves import Curve
+from ..model.curves import Curve, log_limits
 from ..model.results import group_by
 from ..model.words import number
-from ..plots.lines import all_lines, describe_end, shared_options
+from ..plots.laws import value_limits
 from ..plots.spec import Axis, Plot, Trace, end_of
-from .limits import is_rounding, limits_of
-from .picking import Chosen
-from .spec import Panel
+from .catalogue import Panel
+from .picking import Line
 
-MISSING = "not in these results"
-
-
-@dataclass(frozen=True)
-class Line:
-    """A run that a figure draws, with its series."""
-
-    chosen: Chosen
-    series: Series | None
-    dash: int = 0
-
-    @property
-    def words(self) -> str:
-        """The paper's name, ours, the settings, and how it ended or that the run or its series is missing."""
-        run = self.chosen.run
-        words = f"{self.chosen.role} ({self.chosen.asked.solver}), {self.chosen.settings}"
-        if run is None:
-            return f"{words}: {MISSING}"
-        if self.series is None and run.record.series:
-            return f"{words}: its series cannot be read"
-        return f"{words}{describe_end(run)}"
-
-
-def lines_of(chosen: Sequence[Chosen], series: Mapping[str, Series | None]) -> list[Line]:
-    """In the order of the picks; ``series`` by run."""
-    runs = [c.run for c in chosen if c.run]
-    dash = {k.run.record.run_id: k.dash for k in all_lines(runs, shared_options(runs))}
-    found = [(c, c.run.record.run_id) if c.run else (c, "") for c in chosen]
-    return [Line(c, series.get(run), dash.get(run, 0)) for c, run in found]
+NOTHING = 1e-9  # of the problem's size: displacements below it are rounding, and give no scale
+CUT = 30.0  # of the energy that the problem has to exchange, or of its size: what is beyond is cut at the edge
+START = 0.01  # of the window: first steps of error-controlled solvers are tiny and do not stretch the axis
 
 
 def select_lines(panel: Panel, lines: Sequence[Line]) -> list[Line]:
     """Those that the panel asks for."""
     if not panel.tightest:
         return list(lines)
-    asked = group_by((k.chosen.asked for k in lines), lambda a: a.solver)
+    asked = group_by((k.asked for k in lines), lambda a: a.solver)
     least = {solver: min(a.control.rtol or 0.0 for a in own) for solver, own in asked.items()}
-    return [k for k in lines if (k.chosen.asked.control.rtol or 0.0) == least[k.chosen.asked.solver]]
+    return [k for k in lines if (k.asked.control.rtol or 0.0) == least[k.asked.solver]]
 
 
 def plot_of(panel: Panel, lines: Sequence[Line]) -> Plot:
@@ -66,10 +38,10 @@ def plot_of(panel: Panel, lines: Sequence[Line]) -> Plot:
     low, high = limits_of(panel, known, units, drawn, exact)
     traces = []
     for k, c in made:
-        run = k.chosen.run
+        run = k.run
         ends = run and run.record.t_reached_s <= panel.window[1] * (1.0 + 1e-9) and (run.stopped or len(panel.of) == 1)
         end = end_of(run.status) if run and ends else ""
-        solver = k.chosen.asked.solver
+        solver = k.asked.solver
         traces.append(Trace(k.words, c.t, np.clip(c.y, low, high), solver=solver, dash=k.dash, end=end))
     if exact is not None:
         traces.append(Trace("exact motion", exact.t, np.clip(exact.y, low, high)))
@@ -84,7 +56,7 @@ def curve(line: Line, name: str, panel: Panel) -> Curve | None:
     if line.series is None or name not in line.series:
         return None
     t, a = line.series["t"], line.series[name]
-    if name == "dt" and line.chosen.run is not None and not line.chosen.run.stopped and len(t) > 2:
+    if name == "dt" and line.run is not None and not line.run.stopped and len(t) > 2:
         t, a = t[:-1], a[:-1]  # the last step may be cut to end at t_end; of a failure it is the point
     return within(t, a, panel.window, largest=panel.axis.log and name != "dt")
 
@@ -123,4 +95,40 @@ def _remark(panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], r
 
 def records_of(lines: Sequence[Line]) -> list[RunRecord]:
     """Records of the lines that have a run."""
-    return [k.chosen.run.record for k in lines if k.chosen.run]
+    return [k.run.record for k in lines if k.run]
+
+
+def limits_of(panel: Panel, records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve],
+              exact: Curve | None) -> tuple[float, float]:  # fmt: skip
+    """Lowest and highest value shown."""
+    size = _largest(records, "length_scale_m", 1.0)
+    if not drawn:
+        return (1e-3, 1.0) if panel.axis.log else (0.0, 1.0)
+    if panel.of == ("dt",):
+        return _step_limits(panel, drawn)
+    if panel.axis.log:
+        return log_limits(drawn, size)
+    if is_rounding(records, units, drawn):
+        return -1e-3 * size, 1e-3 * size
+    reach = size if units == {"m"} else np.inf
+    if panel.of == ("energy",):
+        reach = _largest(records, "energy_scale_J", np.inf)
+    return value_limits(drawn, exact, CUT * reach)
+
+
+def is_rounding(records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve]) -> bool:
+    """A length that stays zero but for rounding."""
+    top = max(float(np.abs(c.y).max()) for c in drawn)
+    return units == {"m"} and top < NOTHING * _largest(records, "length_scale_m", 1.0)
+
+
+def _step_limits(panel: Panel, drawn: Sequence[Curve]) -> tuple[float, float]:
+    """Every step but the first ones; the last of each line always, which of a failure is the point."""
+    late = panel.window[0] + START * (panel.window[1] - panel.window[0])
+    kept = np.concatenate([np.append(c.y[c.t > late], c.y[-1]) for c in drawn if len(c)])
+    kept = kept[kept > 0.0]
+    return (0.6 * float(kept.min()), 1.8 * float(kept.max())) if len(kept) else (1e-3, 1.0)
+
+
+def _largest(records: Sequence[RunRecord], column: str, default: float) -> float:
+    return max((v for r in records if (v := getattr(r, column)) > 0.0), default=default)

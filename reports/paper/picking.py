@@ -1,17 +1,20 @@
 """The runs that a figure asks for, found in the results; one that is not there stays in the list, to be named."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from ...harness.results.series import Series
 from ...harness.types import StepControl
 from ..model.results import Run, format_name
-from .spec import Pick
+from ..plots.lines import all_lines, describe_end, shared_options
+from .catalogue import Pick
 
 ROLES = {
     "gc_weak_form": "ODE-GC", "gc_augmented_lagrangian": "ODE-GC (AL)", "rk45_strong_form": "ODE-45",
     "ida_index1": "DAE-FI", "ndf_index1": "DAE-SE", "ida_index3": "index 3",
 }  # fmt: skip
+MISSING = "not in these results"
 DIRECTIONS = {"a": "c_R = a/(a·a)", "translation": "c_R = (e_R, 0)", "mass": "c_R by mass"}  # Eq. (31)
 
 
@@ -37,12 +40,14 @@ class Asked(Protocol):
 
 
 @dataclass(frozen=True)
-class Chosen:
-    """A run asked for and the one found; None where the results have none with these settings."""
+class Line:
+    """A run asked for and the one found, with its series; None where the results have none with these settings."""
 
     asked: Asked
     run: Run | None
     settings: str  # step or tolerance, and in what else it differs from the figure's other runs of the solver
+    series: Series | None = None
+    dash: int = 0
 
     @property
     def role(self) -> str:
@@ -51,16 +56,28 @@ class Chosen:
         return (role.startswith("ODE-GC") and self.run and self.run.record.paper_label) or role
 
     @property
-    def name(self) -> str:
-        return f"{self.role}, {self.settings}"
+    def words(self) -> str:
+        """The paper's name, ours, the settings, and how it ended or that the run or its series is missing."""
+        words = f"{self.role} ({self.asked.solver}), {self.settings}"
+        if self.run is None:
+            return f"{words}: {MISSING}"
+        if self.series is None and self.run.record.series:
+            return f"{words}: its series cannot be read"
+        return f"{words}{describe_end(self.run)}"
 
 
-def choose(picks: Iterable[Pick], specs: Iterable[Asked], runs: Iterable[Run]) -> list[Chosen]:
-    """In the order of the picks; of two runs with the same settings the later one."""
+def choose(picks: Iterable[Pick], specs: Iterable[Asked], runs: Iterable[Run],
+           read: Callable[[Run], Series | None] = lambda run: None) -> list[Line]:  # fmt: skip
+    """In the order of the picks, with the series that ``read`` gives; of two runs with the same settings the later."""
     known = list(specs)
     asked = [s for p in picks for s in select_runs(p, known)]
-    found = {r.record.settings_id: r for r in sorted(runs, key=lambda r: r.record.finished)}
-    return [Chosen(s, found.get(s.settings_id), _settings(s, asked)) for s in asked]
+    there = {r.record.settings_id: r for r in sorted(runs, key=lambda r: r.record.finished)}
+    found = [(s, there.get(s.settings_id)) for s in asked]
+    drawn = [run for _, run in found if run]
+    dash = {k.run.record.run_id: k.dash for k in all_lines(drawn, shared_options(drawn))}
+    series = {run.record.run_id: read(run) for run in drawn}
+    lines = [(s, run, _settings(s, asked), run.record.run_id if run else "") for s, run in found]
+    return [Line(s, run, words, series.get(name), dash.get(name, 0)) for s, run, words, name in lines]
 
 
 def select_runs(pick: Pick, specs: Sequence[Asked]) -> list[Asked]:

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from ..model.accuracy import LEVELS
 from ..model.heat import Box, Heat
-from ..model.margin import LEVELS
 from .style import DOUBLE, INK, MUTED, PAPER, plain, sheet
 
 COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css

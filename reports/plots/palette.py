@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from ..model.results import group_by
+
 FAMILIES = {  # colour, and how the names of its solvers begin
     "ODE-GC": ("#3D62C7", ("gc_",)),
     "geometric": ("#62AF96", ("gauss_", "rattle", "lie_", "energy_momentum")),
@@ -22,6 +24,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "h", "p")
 ENGINE = "<"  # the marker of engines
 DASHES: tuple[tuple[float, Sequence[float]], ...] = ((0, ()), (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 CATALOGUE = Path(__file__).resolve().parents[2] / "solvers"
+MOST = 7  # solvers in colour
 
 
 @dataclass(frozen=True)
@@ -60,3 +63,10 @@ def families(found: dict[str, Look]) -> dict[str, list[str]]:
     order = [*FAMILIES, ENGINES, PLUGINS]
     by_family = {f: [name for name, look in found.items() if look.family == f] for f in order}
     return {f: names for f, names in by_family.items() if names}
+
+
+def choose_focus(best_first: Iterable[str]) -> tuple[str, ...]:
+    """The best and the worst solver, then the best of every family, then the next best: those that a chart colours."""
+    order = list(dict.fromkeys(best_first))
+    firsts = [names[0] for names in group_by(order, lambda name: looks([name])[name].family).values()]
+    return tuple(dict.fromkeys([*order[:1], *order[-1:], *firsts, *order]))[:MOST]

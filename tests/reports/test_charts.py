@@ -10,13 +10,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.types import Law
 from mbsbench.reports.model import curves
-from mbsbench.reports.model.growth import growths
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.plots import palette, style
 from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
-from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, observables
-from mbsbench.reports.plots.limits import limit
+from mbsbench.reports.plots.growth import growths
+from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, limit, observables
 from mbsbench.reports.plots.lines import MOST, lines_of, traces
 from mbsbench.reports.plots.printed import Legend, figure
 from mbsbench.reports.plots.spec import Axis, Plot, Trace
@@ -337,7 +336,7 @@ def test_slope_of_growth_is_that_of_the_data(tmp_path):
     bodies = {c.record.run_id: int(c.record.run_id[1:]) for c in results.runs}
     (found,) = growths(results.runs, bodies)
     assert found.bodies == (3, 6, 12, 24)
-    assert found.slope == pytest.approx(1.0)
+    assert found.fit[0] == pytest.approx(1.0)
     assert not growths(results.runs[:2], bodies)  # two sizes are no evidence
 
 

@@ -1,20 +1,21 @@
 """The page of cost: work against precision on every problem, the cheapest solver for an error, growth with size."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 from ....harness.results.judgements.files import WORK
-from ....harness.results.judgements.runs import WorkProfile
+from ....harness.results.judgements.runs import WorkPoint, WorkProfile
+from ...model.accuracy import measure_for
 from ...model.frontier import Frontier, broad, engines_first, of_most_problems
-from ...model.growth import growths_of
-from ...model.results import Results, group_by
-from ...model.words import decade, plural
-from ...plots.growth import growth
+from ...model.results import Results, by_solver, group_by
+from ...model.words import decade, mark, plural
+from ...plots.growth import growth, growths_of
 from ...plots.spec import Plot
-from ...plots.work import ERRORS, WORKS, describe_work, profile_plot, work_plots
+from ...plots.work import ERRORS, WORKS, list_points, profile_plot, work_plots
 from ..base import Page, Site
-from ..judgement import links_of, read_judged
-from .work_points import Field, fields, profiles
+from ..judgement import page_of, read_judged
 
 FEW = ("index1", "evaluations", "cpu")  # works that energy and joints are drawn over
 WORKED = "CPU time of the integration alone, on one machine: read the ratios, not the times."
@@ -25,20 +26,19 @@ def write(results: Results, site: Site) -> Page | None:
     work = read_judged(results.folder, WORK)
     best = profiles(work.found.profile if work.found else ())
     default = profiles(work.found.profile_default if work.found else ())
-    points = work.found.points if work.found else ()
-    found = [(f, plots_of(f)) for f in fields(results, points, links_of(results.runs))]
+    found = [(f, plots_of(f)) for f in fields(results, work.found.points if work.found else ())]
     works = list(dict.fromkeys(p.work for p in best))
     kinds = [(w, *WORKS[w]) for w in WORKS if any(key.endswith(f"-{w}") for _, own in found for key in own)]
     profile_plots = [profile_plot(best, default, w) for w in works]
     cheapest, grown = broad(results, site.frontiers), growths_of(results)
     sizes = [growth(problem, grown, site.url) for problem in dict.fromkeys(g.problem for g in grown)]
-    site.work = {f.variant: own["error-cpu"] for f, own in found if "error-cpu" in own}
+    site.work = {f["variant"]: own["error-cpu"] for f, own in found if "error-cpu" in own}
     return site.write(
         Page("Cost", "cost.html", nav=True, order=30), "cost.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values()), *sizes], why=work.why,
         errors=[(k, *e) for k, e in ERRORS.items()], works=kinds, fields=found,
         profiles={"best of all": best, "default": default}, profile_plots=profile_plots, profile_works=works,
-        named=describe_work, work_at=work_at, title=title(cheapest), worked=WORKED,
+        named=WORKS, work_at=work_at, title=title(cheapest), worked=WORKED,
         cheapest=group_by(engines_first(cheapest), lambda f: f.variant), grown=grown, sizes=sizes,
     )  # fmt: skip
 
@@ -55,11 +55,37 @@ def title(found: Sequence[Frontier]) -> str:
     return f"At {error}, {best} is cheapest on {firsts.count(best)} of {plural(len(own), 'variant')}"
 
 
-def plots_of(f: Field) -> dict[str, Plot]:
+def fields(results: Results, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
+    """The points of every variant that has one, of the judged runs alone where there are any; most solvers first.
+
+    ``absent`` are solvers without a point, with how their runs ended that no plot can show.
+    """
+    known, best = {p.settings_id for p in judged}, {p.settings_id for p in judged if p.best}
+    out = []
+    for variant in results.variants:
+        points = list_points(variant, page_of, best)
+        points = [p for p in points if p.run.record.settings_id in known] if known else points
+        drawn = {p.solver for p in points if any(p.drawable(error, work) for error in ERRORS for work in WORKS)}
+        if drawn:
+            runs = by_solver(variant.runs)
+            ends = {s: Counter(mark(c.status).word for c in runs.get(s, ())) for s in results.solvers if s not in drawn}
+            absent = [f"{s} ({', '.join(words) or 'not run'})" for s, words in ends.items()]
+            out.append({"variant": variant.title, "slug": variant.slug, "points": points, "absent": absent,
+                        "measure": measure_for(variant.runs)})  # fmt: skip
+    return sorted(out, key=lambda f: len(f["absent"]))
+
+
+def plots_of(f: dict[str, Any]) -> dict[str, Plot]:
     """By ``<error>-<work>``; energy and joints over fewer works, and of default and best settings alone."""
-    errors = work_plots(f.slug, f.points, [("error", work) for work in WORKS], folded=True, front=True)
+    slug, points, measure = f["slug"], f["points"], f["measure"]
+    errors = work_plots(slug, points, measure, [("error", work) for work in WORKS], folded=True, front=True)
     laws = [(error, work) for error in ("energy", "phi") for work in WORKS if work in FEW]
-    return errors | work_plots(f.slug, [p for p in f.points if p.default or p.best], laws, folded=True)
+    return errors | work_plots(slug, [p for p in points if p.default or p.best], measure, laws, folded=True)
+
+
+def profiles(found: Sequence[WorkProfile]) -> list[WorkProfile]:
+    """As judged, by kind of work, those that no machine changes first, and by solver."""
+    return sorted(found, key=lambda p: (list(WORKS).index(p.work), p.solver))
 
 
 def work_at(p: WorkProfile, share: float) -> float:

@@ -11,10 +11,9 @@ from ....harness.results.records import reasons_of
 from ....harness.results.reproduce import write_command
 from ....harness.results.words import law_of
 from ...mechanism.stage import moment
+from ...model.accuracy import list_followed, margin
 from ...model.catalogue import code_of_others, is_engine
-from ...model.followed import list_followed
 from ...model.heat import Heat
-from ...model.margin import margin
 from ...model.results import Results, Run, Variant, group_by, read_results
 from ...model.words import join_words, number, plural, time
 from ...plots.palette import Look

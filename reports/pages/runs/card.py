@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from ....harness.results.judgements.runs import Drift, Order
-from ...model.followed import Followed
+from ...model.accuracy import Followed
 from ...model.frontier import Frontier
 from ...model.words import decade, number, plural, time
 from ..judged.orders import verdict_mark

@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from ....harness.results.reproduce import write_command
-from ...model.accuracy import Measure, measure_for
-from ...model.costs import costs, default_target
+from ...model.accuracy import LEVELS, Measure, measure_for
 from ...model.curves import upper
-from ...model.frontier import Frontier, broad, of_most_problems
+from ...model.frontier import Frontier, broad, costs, default_target, of_most_problems
 from ...model.heat import Box, Heat, heat
-from ...model.margin import LEVELS
 from ...model.results import Results
 from ...model.scores import unpredictable
 from ...model.variants import broadest, mechanisms

@@ -11,13 +11,10 @@ from markupsafe import Markup
 from ....harness.results.judgements.files import DRIFTS
 from ....harness.results.records import judged_own
 from ....harness.results.series import Series
-from ...mechanism.segments import mechanism_of
-from ...mechanism.view import flat, view_of
-from ...model.accuracy import judged_until, measure_for
+from ...mechanism.segments import flat, mechanism_of, view_of
+from ...model.accuracy import Followed, judged_until, list_followed, measure_for
 from ...model.catalogue import about_problem, why_hard
 from ...model.curves import SPANS_UPPER
-from ...model.focus import choose_focus
-from ...model.followed import Followed, list_followed
 from ...model.heat import best_and_worst, boxes_of
 from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant
@@ -26,6 +23,7 @@ from ...model.variants import broadest, groups_of, mechanisms, themselves, varia
 from ...model.words import NONE, number, plural, time, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of
+from ...plots.palette import choose_focus
 from ...plots.spec import Chapter
 from ...plots.work import work_chapter
 from ..base import Page, Site
@@ -174,7 +172,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         line.run.record.run_id: motion_of(line.run, results.series(line.run, poses=False), spans) for line in lines
     }
     boxes = sorted(boxes_of(variant, label), key=lambda b: b.order)
-    colours = choose_focus([b.run.record.solver for b in boxes], lambda s: site.looks[s].family)
+    colours = choose_focus(b.run.record.solver for b in boxes)
     drawing = Drawing(variant.runs, lines, motions, spans, colours, label)
     groups = groups_of(variant, label)
     plain = spans == SPANS_UPPER  # the scene is of the problems themselves

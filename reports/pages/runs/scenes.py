@@ -5,11 +5,10 @@ from typing import Any
 
 from ....harness.results.records import reasons_of
 from ...mechanism.stage import Role, stage
-from ...model.accuracy import measure_for
+from ...model.accuracy import margin, measure_for
 from ...model.catalogue import code_of_others
 from ...model.frontier import of_most_problems
 from ...model.heat import Heat, boxes_of
-from ...model.margin import margin
 from ...model.results import Results, Run, Variant, group_by
 from ...model.words import mark, number
 from ..base import Site

@@ -5,8 +5,8 @@ from typing import Any
 
 from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
 from ....harness.results.words import words_of
+from ...model.accuracy import Followed, list_followed
 from ...model.catalogue import about_solver
-from ...model.followed import Followed, list_followed
 from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import heat
 from ...model.results import Results, Run, by_solver, group_by, text_of

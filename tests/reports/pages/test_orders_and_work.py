@@ -9,10 +9,9 @@ from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import group_by, read_results
-from mbsbench.reports.pages.judged.cost import plots_of, work_at
+from mbsbench.reports.pages.judged.cost import fields, plots_of, profiles, work_at
 from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, certificates
 from mbsbench.reports.pages.judged.scorecard import boxes_of
-from mbsbench.reports.pages.judged.work_points import fields, profiles
 from mbsbench.reports.pages.judgement import links_of
 from mbsbench.reports.plots.work import profile_plot, steps_of
 
@@ -79,28 +78,23 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
     """Without work.json every run with an error is a point all the same; wrong and stopped ones are marked."""
     every_kind(tmp_path)
     results = read_results(tmp_path)
-    found = next(f for f in fields(results, [], links_of(results.runs)) if f.variant == "pendulum")
+    found = next(f for f in fields(results, ()) if f["variant"] == "pendulum")
     traces = plots_of(found)["error-evaluations"].traces
     ends = {t.solver: list(t.ends) for t in traces if t.solver}
     assert ends["beta"] == ["wrong"] and ends["delta"] == ["failed"]
     assert all(t.solver for t in traces)  # no run comes near the reference's stated error: it is not drawn
-    near = dataclasses.replace(found, points=tuple(dataclasses.replace(p, own=1e-4) for p in found.points))
+    near = found | {"measure": dataclasses.replace(found["measure"], own=1e-4)}
     region = plots_of(near)["error-evaluations"].traces[0]
     assert not region.solver and region.high[0] == pytest.approx(1e-4) and region.low[0] < 1e-4
 
 
 def test_zeros_stay_zeros(tmp_path):
-    results = read_run_of(tmp_path)
-    found = next(f for f in fields(results, synthetic.work(["aa01"]).points, NONE) if f.variant == "pendulum")
+    put(tmp_path, record("aa01", phi_max=0.0), series())
+    (found,) = fields(read_results(tmp_path), ())
     plots = plots_of(found)
     zeros = next(t for t in plots["phi-evaluations"].traces if t.solver)
     assert np.all(zeros.y == 0.0)  # what is drawn for them is the axis' matter
     assert "error-factorisations" not in plots  # nobody counted them
-
-
-def read_run_of(folder):
-    (folder / "runs").mkdir()
-    return read_results(folder)
 
 
 def test_the_first_picture_of_work_has_all_solvers_and_others_say_who_is_absent(tmp_path):
@@ -110,6 +104,6 @@ def test_the_first_picture_of_work_has_all_solvers_and_others_say_who_is_absent(
     put(tmp_path, record("aa02", "beta", "refused", problem="a_few", message="rank", **unknown))
     for solver in ("alpha", "beta", "gamma"):
         put(tmp_path, record(f"b{solver}", solver, problem="whole"), series())
-    first, second = fields(read_results(tmp_path), (), links_of(()))
-    assert (first.variant, first.absent) == ("whole", ())
-    assert (second.variant, second.absent) == ("a_few", ("beta (refused)", "gamma (not run)"))
+    first, second = fields(read_results(tmp_path), ())
+    assert (first["variant"], first["absent"]) == ("whole", [])
+    assert (second["variant"], second["absent"]) == ("a_few", ["beta (refused)", "gamma (not run)"])

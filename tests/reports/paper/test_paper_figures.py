@@ -14,7 +14,7 @@ from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED, read_cl
 from mbsbench.reports import site
 from mbsbench.reports.model.claim_words import band
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.paper import build, captions, drawer, lines, picking
+from mbsbench.reports.paper import build, captions, lines, picking
 from mbsbench.reports.paper.catalogue import FIGURES
 from mbsbench.reports.plots import palette
 from mbsbench.reports.plots.style import SUFFIXES, style
@@ -26,9 +26,10 @@ BY_NAME = {s.name: s for s in FIGURES}
 
 def drawn(folder, name):
     """A figure and its lines, not written."""
-    own = build.found_lines(read_results(folder, check_series=False), BY_NAME[name], suite())
+    results = read_results(folder, check_series=False)
+    own = picking.choose(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
     with style():
-        return drawer.draw(BY_NAME[name], own, palette.looks({k.chosen.asked.solver for k in own})), own
+        return build.draw(BY_NAME[name], own, palette.looks({k.asked.solver for k in own})), own
 
 
 def one(folder, name, suffixes=("png",)):
@@ -70,10 +71,11 @@ def test_every_figure_is_made(whole, label):
         said = by_name[spec.name]
         assert said["title"] and said["files"] == [f"{spec.name}.png"]
         assert (folder / "paper" / f"{spec.name}.png").stat().st_size > 5000
-        assert said["runs"] and all(c["found"] for c in said["runs"])
+        assert said["runs"] and all(c["run_id"] for c in said["runs"])
         for c in said["runs"]:
             own = records[c["run_id"]]
-            assert c["energy_drift_max_J"] == own.energy_drift_max_J and c["t_reached_s"] == own.t_reached_s
+            assert c["numbers"]["energy_drift_max_J"] == own.energy_drift_max_J
+            assert c["numbers"]["t_reached_s"] == own.t_reached_s
 
 
 def test_files_for_print_hold_their_fonts_and_do_not_change(whole, tmp_path):
@@ -116,7 +118,7 @@ def test_a_run_that_stopped_is_starred_where_it_stopped(tmp_path):
 
 def test_runs_of_a_solver_are_named_by_what_differs(whole):
     """Both choices of c_R; the printed and the recommended settings of the grid."""
-    names = {k.chosen.name for name in ("fig05", "fig12") for k in drawn(whole[0], name)[1]}
+    names = {f"{k.role}, {k.settings}" for name in ("fig05", "fig12") for k in drawn(whole[0], name)[1]}
     printed = "ODE-GC (as printed), dt = 0.01 s, c_R = "
     assert {f"{printed}a/(a·a)", f"{printed}(e_R, 0)", "ODE-GC (AL, symmetric), dt = 0.01 s, recommended"} < names
     assert any(n.startswith("ODE-GC (AL, ") and n.endswith(", as printed") for n in names)
@@ -127,14 +129,14 @@ def test_the_loose_tolerance_is_left_out_where_the_paper_does(whole):
     """Fig. 9b and c show the smaller tolerance alone."""
     _, own = drawn(whole[0], "fig09")
     panel = next(p for p in BY_NAME["fig09"].panels() if p.tightest)
-    assert {k.chosen.asked.control.rtol for k in own} == {None, 1e-3, 1e-6}
-    assert lines.select_lines(panel, own) == [k for k in own if k.chosen.asked.control.rtol != 1e-3]
+    assert {k.asked.control.rtol for k in own} == {None, 1e-3, 1e-6}
+    assert lines.select_lines(panel, own) == [k for k in own if k.asked.control.rtol != 1e-3]
 
 
 def test_a_solver_has_its_colour_and_its_settings_dashes(whole):
     """Colours of the palette; the finest tolerance is solid, as in the report."""
     figure, own = drawn(whole[0], "fig02")
-    fi = sorted((k.chosen.asked.control.rtol, k.dash) for k in own if k.chosen.asked.solver == "ida_index1")
+    fi = sorted((k.asked.control.rtol, k.dash) for k in own if k.asked.solver == "ida_index1")
     assert [dash for _, dash in fi] == [0, 1, 2]
     (legend,) = figure.legends
     colours = {h.get_color() for h in legend.legend_handles}
