@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment, FileSystemLoader
 
 from ..harness.files import write_text
@@ -21,8 +20,7 @@ from .model.frontier import frontiers, of_most_problems
 from .model.motion import motion_of
 from .model.provenance import stamp
 from .model.results import Results, group_by, read_results
-from .pages.judged.orders import certificates, ladders
-from .pages.judgement import links_of
+from .pages.judged.orders import by_case, fit_of, ladders
 from .pages.runs.card import card_of
 from .plots.laws import Drawing, laws
 from .plots.lines import all_lines, shared_options
@@ -76,7 +74,7 @@ def render_file(template: str, **values: Any) -> str:
 def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
     chart = partial(draw_chart, looks=looks(results.solvers))
     for title, ladder in group_by(orders, lambda o: o.variant).items():
-        if plots := _orders(results, ladder):
+        if plots := _orders(ladder):
             words = "observed order: error against step with the fitted line; dashed, the declared order."
             yield chart(f"{title}: {words}", plots)
     for run in (r for r in results.runs if r.record.label == "long"):
@@ -92,17 +90,17 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
                 yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
 
 
-def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
+def _orders(orders: Sequence[Order]) -> list[Plot]:
     """The ladders of the certificates, each with the declared order through the finest end of its fit."""
     plots = []
-    for c in certificates([o for o in orders if o.quantity in QUANTITIES], links_of(results.runs)):
-        for plot in ladders([c]):
+    for o in by_case([o for o in orders if o.quantity in QUANTITIES]):
+        for plot in ladders([o]):
             declared = []
-            if c.fit and math.isfinite(c.of.declared):
-                x, y = (np.array(v) for v in zip(*c.fit, strict=True))
-                line = y[0] * (x / x[0]) ** c.of.declared
-                declared.append(Trace(f"declared: order {c.of.declared:g}", x, line, dash=1))
-            plots.append(replace(plot, title=c.of.quantity, traces=(*plot.traces, *declared)))
+            if (fit := fit_of(o)) and math.isfinite(o.declared):
+                x, y = fit
+                line = y[0] * (x / x[0]) ** o.declared
+                declared.append(Trace(f"declared: order {o.declared:g}", x, line, dash=1))
+            plots.append(replace(plot, title=o.quantity, traces=(*plot.traces, *declared)))
     return plots
 
 

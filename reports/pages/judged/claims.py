@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from markupsafe import Markup
 
@@ -34,28 +35,11 @@ LISTED = 40  # runs beside the map
 AGAINST = 4  # cases named that numbers are compared with
 
 
-@dataclass(frozen=True)
-class Box:
-    """One setting; several runs may share a place (other frames, other cases)."""
+def grids(rows: Sequence[MapRow], links: Links) -> list[dict[str, Any]]:
+    """One a facet, all with the same tolerances and gains, so that places can be compared.
 
-    mark: Mark
-    words: str  # all of it, for hover, focus and screen readers
-    page: str
-    printed: bool  # the settings that the paper prints
-
-
-@dataclass(frozen=True)
-class Grid:
-    """One facet."""
-
-    title: str
-    tolerances: tuple[str, ...]
-    gains: tuple[str, ...]
-    rows: tuple[tuple[tuple[Box, ...], ...], ...]  # by gain, by tolerance
-
-
-def grids(rows: Sequence[MapRow], links: Links) -> tuple[Grid, ...]:
-    """One a facet, all with the same tolerances and gains, so that places can be compared."""
+    A row of boxes a gain, several boxes a tolerance where runs share a place (other frames, other cases).
+    """
     tolerances, gains = (_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
     facets = tuple(dict.fromkeys(k for m in rows for k in m.at if k not in AXES))
     found = group_by(rows, lambda m: tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets))
@@ -63,12 +47,10 @@ def grids(rows: Sequence[MapRow], links: Links) -> tuple[Grid, ...]:
     out = []
     for key, own in found.items():
         title = ", ".join(key[k] for k in varies if key[k]) or ", ".join(filter(None, key)) or "all settings"
-        boxes = tuple(
-            tuple(_place([m for m in own if (_text(m.at.get("gain")), _text(m.at.get("tolerance"))) == (g, t)], links)
-                  for t in tolerances) for g in gains
-        )  # fmt: skip
-        out.append(Grid(title, tolerances, gains, boxes))
-    return tuple(sorted(out, key=lambda g: g.title))
+        places = group_by(own, lambda m: (_text(m.at.get("gain")), _text(m.at.get("tolerance"))))
+        boxes = [[_place(places.get((g, t), ()), links) for t in tolerances] for g in gains]
+        out.append({"title": title, "tolerances": tolerances, "gains": gains, "rows": boxes})
+    return sorted(out, key=lambda g: g["title"])
 
 
 def state(m: MapRow) -> Mark:
@@ -79,25 +61,23 @@ def state(m: MapRow) -> Mark:
     return HOLDS if m.holds else FAILED if stopped else NOT
 
 
-def _place(rows: Sequence[MapRow], links: Links) -> tuple[Box, ...]:
-    """A box a run; one box for all of a place that many share."""
+def _place(rows: Sequence[MapRow], links: Links) -> list[dict[str, Any]]:
+    """A box a run; one box for all of a place that many share. ``words`` are for hover, focus and screen readers."""
+    out = []
+    for m in rows:
+        here, run = state(m), links.runs.get(m.settings_id)
+        measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
+        printed = ", as the paper prints it" if m.printed else ""
+        name = f"{run.variant} {run.record.solver}" if run else m.case  # its page, place and facet have the settings
+        words = f"{name} – {here.word}{measured}, ended {mark(m.status).word}{printed}"
+        out.append({"mark": here, "words": words, "page": links.page(m.settings_id), "printed": m.printed})
     if len(rows) <= MOST:
-        return tuple(_box(m, links) for m in rows)
-    holds = sum(m.holds is True for m in rows)
+        return out
+    holds, stopped = (sum(state(m) is kind for m in rows) for kind in (HOLDS, FAILED))
     kind = HOLDS.kind if holds == len(rows) else NOT.kind if holds == 0 else FAILED.kind
-    stopped = sum(state(m) is FAILED for m in rows)
-    words = f"{holds} of {len(rows)} runs hold, {stopped} do not and stopped; first {_box(rows[0], links).words}"
-    page = links.page(rows[0].settings_id)
-    return (Box(Mark(f"{holds}/{len(rows)}", "", kind), words, page, any(m.printed for m in rows)),)
-
-
-def _box(m: MapRow, links: Links) -> Box:
-    here, run = state(m), links.runs.get(m.settings_id)
-    measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
-    printed = ", as the paper prints it" if m.printed else ""
-    name = f"{run.variant} {run.record.solver}" if run else m.case  # its page, place and facet have the settings
-    words = f"{name} – {here.word}{measured}, ended {mark(m.status).word}{printed}"
-    return Box(here, words, links.page(m.settings_id), m.printed)
+    words = f"{holds} of {len(rows)} runs hold, {stopped} do not and stopped; first {out[0]['words']}"
+    return [out[0] | {"mark": Mark(f"{holds}/{len(rows)}", "", kind), "words": words,
+                      "printed": any(m.printed for m in rows)}]  # fmt: skip
 
 
 def _values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
@@ -126,7 +106,7 @@ class Shown:
     settings: tuple[tuple[str, str], ...]
     runs: tuple[tuple[str, str], ...]  # those not on the map: words and address, empty for one that is not here
     solvers: tuple[str, ...]
-    grids: tuple[Grid, ...]
+    grids: list[dict[str, Any]]
     published: bool = False  # these results lack its runs: the published verdict
 
     @property
@@ -140,17 +120,6 @@ class Shown:
         return self.of.kind == "presentation"
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A claim with other verdicts than the published ones."""
-
-    id: str
-    anchor: str
-    before: Mark | None
-    after: Mark | None
-    words: str
-
-
 def claims_of(claims: Sequence[Claim], links: Links, published: Sequence[Claim] = ()) -> tuple[Shown, ...]:
     """By section and figure, else in the order of the register; a claim that lacks runs here as it was published."""
     taken: set[str] = set()
@@ -158,7 +127,7 @@ def claims_of(claims: Sequence[Claim], links: Links, published: Sequence[Claim] 
     instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
     ordered = sorted((instead.get(c.id, c) for c in claims), key=lambda c: (natural(c.section), c.figure))
     shown = (_show_claim(c, links, slug(c.id, taken)) for c in ordered)
-    return tuple(replace(s, published=True, grids=(), runs=()) if s.of.id in instead else s for s in shown)
+    return tuple(replace(s, published=True, grids=[], runs=()) if s.of.id in instead else s for s in shown)
 
 
 def lacks_runs(claim: Claim) -> bool:
@@ -187,7 +156,7 @@ def counts(claims: Iterable[Shown]) -> list[tuple[Mark, int]]:
     return [(m, found[v]) for v, m in VERDICTS.items()]
 
 
-def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequence[Shown]) -> list[Difference]:
+def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequence[Shown]) -> list[dict[str, Any]]:
     """From the published verdicts: changed ones first, then claims that came and went."""
     now, then = ({c.id: c for c in found} for found in (claims, published))
     anchors = {c.of.id: c.anchor for c in shown}
@@ -199,8 +168,8 @@ def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequ
         words = f"{old.verdicts}: {_first(old)} before; {new.verdicts}: {_first(new)} now" if new and old else (
             "not published yet" if new else "published, but not judged here")  # fmt: skip
         before, after = (VERDICTS[c.verdict] if c else None for c in (old, new))
-        out.append(Difference(name, anchors.get(name, ""), before, after, words))
-    return sorted(out, key=lambda d: (d.before is None, d.after is None, natural(d.id)))
+        out.append({"id": name, "anchor": anchors.get(name, ""), "before": before, "after": after, "words": words})
+    return sorted(out, key=lambda d: (d["before"] is None, d["after"] is None, natural(d["id"])))
 
 
 def _first(c: Claim) -> str:
@@ -242,7 +211,7 @@ def write(results: Results, site: Site) -> Page | None:
     published = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
     claims = claims_of(found.found or (), links, published.found or ())
     if found.published:
-        claims = tuple(replace(c, published=True, grids=(), runs=()) for c in claims)
+        claims = tuple(replace(c, published=True, grids=[], runs=()) for c in claims)
     lacking = sum(c.published for c in claims)
     own = () if found.published else [c for c in found.found or () if not lacks_runs(c)]
     here = {c.id for c in own}

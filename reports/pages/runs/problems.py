@@ -27,7 +27,7 @@ from ...plots.palette import choose_focus
 from ...plots.spec import Chapter
 from ...plots.work import work_chapter
 from ..base import Page, Site
-from ..judged.drifts import words
+from ..judged.orders import describe_drift
 from ..judgement import read_judged
 from ..svg import sketch
 from .scenes import scene_of
@@ -190,8 +190,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         page, "problem.html", variant=variant, scene=scene, work=next((c for c in chapters if c.plots[0].x.log), None),
         scripts=[f"data/{scene['file']}.js", "assets/stage.js"] if scene else [],
         follow_title=follow_title(variant, follow), chapters=chapters, measure=measure_for(variant.runs),
-        drifts=drifts,
-        drift_words=words,
+        drifts=drifts, describe_drift=describe_drift,
         plots=[p for c in chapters for p in c.plots], left_out=len(variant.runs) - len(lines),
         facts_of_it=facts_of(variant, max((m.bodies for m in motions.values()), default=0)),
         sentence=best_and_worst(boxes_of(variant, label)), first=first, sketch=_draw_mechanism(results, variant),

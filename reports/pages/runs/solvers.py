@@ -9,13 +9,13 @@ from ...model.accuracy import Followed, list_followed
 from ...model.catalogue import about_solver
 from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import heat
-from ...model.results import Results, Run, by_solver, group_by, text_of
+from ...model.results import Results, Run, by_solver, group_by, natural, text_of
 from ...model.scores import Score, Standing, score, standings
 from ...model.variants import broadest, groups_of, themselves
 from ...model.words import plural
 from ..base import Page, Site
-from ..judged import drifts, scorecard
-from ..judged.orders import certificates, ladders, verdict_mark
+from ..judged import orders as judged_in
+from ..judged.orders import by_case, ladders, tally, verdict_mark
 from ..judgement import Judged, links_of, read_judged_or_published
 from .card import QUANTITY, card_of
 
@@ -61,8 +61,8 @@ def _page(results: Results, site: Site, name: str, judged: Sequence[Judged[Any]]
           costs: Sequence[Frontier], **values: Any) -> None:  # fmt: skip
     orders, drift, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
     links = links_of(results.runs)
-    certified = certificates(orders, links)
-    drawn = ladders([c for c in certified if c.of.quantity == QUANTITY and c.fixed])[:DRAWN]
+    certified = by_case(orders)
+    drawn = ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
     card = site.cards[name] = card_of(name, orders, drift, follow, costs)
     badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
     (site.folder / badge).write(card.badge, durable=False)
@@ -71,9 +71,10 @@ def _page(results: Results, site: Site, name: str, judged: Sequence[Judged[Any]]
         Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
         scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
         links=links, whys=[(j.why, j.published) for j in judged], certificates=certified,
-        drifts=drifts.anatomies(drift), drift_words=drifts.words, verdict_mark=verdict_mark,
-        checks=scorecard.boxes_of(symmetries),
-        marks_of=scorecard.MARKS, symmetry_words=scorecard.words, wrong=wrong, reason_words=words_of, **values,
+        drifts=sorted(drift, key=lambda d: (natural(d.variant), natural(d.case))), verdict_mark=verdict_mark,
+        checks={title: (own, *tally(own)) for title, own in group_by(symmetries, lambda s: s.title).items()},
+        marks_of=judged_in.MARKS, describe_order=judged_in.describe_order, describe_drift=judged_in.describe_drift,
+        describe_symmetry=judged_in.describe_symmetry, wrong=wrong, reason_words=words_of, **values,
     )  # fmt: skip
 
 

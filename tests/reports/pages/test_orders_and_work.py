@@ -10,57 +10,48 @@ from msgspec.structs import replace
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import group_by, read_results
 from mbsbench.reports.pages.judged.cost import fields, plots_of, profiles, work_at
-from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, certificates
-from mbsbench.reports.pages.judged.scorecard import boxes_of
-from mbsbench.reports.pages.judgement import links_of
+from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, fit_of, list_points, tally, verdict_mark
 from mbsbench.reports.plots.work import profile_plot, steps_of
 
 from ..conftest import every_kind, put, record, series
 from . import synthetic
-
-NONE = links_of([])
 
 
 def test_points_left_out_of_a_fit_say_why():
     """Coarser than all used ones: pre-asymptotic; else on the floor."""
     order = replace(synthetic.ORDER, dt=(0.4, 0.2, 0.1, 0.05, 0.025), error=(9.0, 0.04, 0.01, 1.1e-12, 1e-12),
                     floor=1e-12, used=(False, True, True, False, False), fit="power")  # fmt: skip
-    (found,) = certificates([order], NONE)
-    assert [p.kind for p in found.points] == [EARLY, USED, USED, FLOORED, FLOORED]
+    assert [kind for _, _, kind in list_points(order)] == [EARLY, USED, USED, FLOORED, FLOORED]
 
 
 def test_drawn_fit_has_the_order_and_goes_through_the_points():
     """error = dt^2 exactly: the drawn line is that law."""
-    found = next(c for c in certificates(synthetic.orders(["aa01"]), NONE) if c.of.quantity == "q")
-    (x0, y0), (x1, y1) = found.fit
-    assert math.log(y1 / y0) / math.log(x1 / x0) == pytest.approx(found.of.order)
-    assert y0 == pytest.approx(x0**2) and y1 == pytest.approx(x1**2)
-    assert found.interval == "1.98 to 2.02"
+    order = next(o for o in synthetic.orders(["aa01"]) if o.quantity == "q")
+    x, y = fit_of(order)
+    assert math.log(y[1] / y[0]) / math.log(x[1] / x[0]) == pytest.approx(order.order)
+    assert y == pytest.approx(x**2)
 
 
 def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure():
     """Neither certified nor failed: counted apart."""
-    words = ("certified", "above declared", "above declared", "below declared", "undecided")
-    found = certificates([replace(synthetic.ORDER, verdict=w) for w in words], NONE)
-    above = found[1].mark
+    above = verdict_mark("above declared")
     assert (above.word, above.kind) == ("above declared", "refused")
-    assert above.symbol not in {c.mark.symbol for c in found if c.mark.word != "above declared"}
+    assert above.symbol not in {verdict_mark(word).symbol for word in ("certified", "below declared", "undecided")}
 
 
 def test_a_check_that_decides_nothing_is_no_success():
     """Its box says so, and it is not counted among those that hold."""
-    (box,) = boxes_of([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")]).values()
-    assert (box.mark.word, box.mark.kind, box.tally) == ("not decided", "refused", "1 of 2")
+    mark, count = tally([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")])
+    assert (mark.word, mark.kind, count) == ("not decided", "refused", "1 of 2")
 
 
 def test_box_of_the_scorecard_shows_its_worst_outcome():
-    found = group_by(synthetic.symmetries(["aa01"]), lambda s: s.solver)
-    boxes = {solver: boxes_of(own) for solver, own in found.items()}
-    assert boxes["alpha"]["time reversal"].mark.word == "broken" and boxes["alpha"]["time reversal"].tally == "1 of 2"
-    assert boxes["alpha"]["yaw"].mark.word == "holds"
-    assert boxes["gamma"]["yaw"].tally == ""  # what does not apply is not counted
-    assert "time reversal" not in boxes["gamma"]
-    assert boxes[synthetic.HOSTILE][synthetic.HOSTILE].mark.kind == "refused"  # decides nothing
+    found = group_by(synthetic.symmetries(["aa01"]), lambda s: (s.solver, s.title))
+    boxes = {key: tally(own) for key, own in found.items()}
+    assert boxes["alpha", "time reversal"][0].word == "broken" and boxes["alpha", "time reversal"][1] == "1 of 2"
+    assert boxes["alpha", "yaw"][0].word == "holds"
+    assert boxes["gamma", "yaw"][1] == ""  # what does not apply is not counted
+    assert boxes[synthetic.HOSTILE, synthetic.HOSTILE][0].kind == "refused"  # decides nothing
 
 
 def test_profile_rises_by_one_target_at_its_work():
