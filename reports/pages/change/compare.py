@@ -1,8 +1,8 @@
 """Two results side by side: what changed, the most important first, and which inputs may be the cause."""
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ....harness.places import Place
@@ -12,7 +12,7 @@ from ....harness.results.provenance import find_differences, stamp_of
 from ....harness.results.records import RunRecord
 from ...model.curves import upper
 from ...model.provenance import facts
-from ...model.results import Results, Run, read_results, slug
+from ...model.results import Results, Run, group_by, read_results, slug
 from ...model.words import join_words, plural
 from ...plots.spec import Axis, Plot, Trace
 from ..base import Page, Site, copy_assets
@@ -22,24 +22,6 @@ from .ranking import Rank, Ranked
 
 OVERLAYS = 24  # runs whose energy errors are drawn over each other, the largest changes first
 ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js")  # fmt: skip
-HEADS = {
-    Rank.ENDING: ("Endings", "Runs with another status. Those that became wrong come first."),
-    Rank.CLAIM: ("Claims", "Verdicts on the paper that differ."),
-    Rank.PHYSICS: ("Motion", "Energy, constraints, errors that differ by more than two machines may, as fractions of "
-                   "the problem's energy, size or time."),
-    Rank.WORK: ("Work", "Steps and evaluations, which do not depend on the machine."),
-    Rank.TIMING: ("Timings", "Only where spreads do not overlap and the ratio is above 1.3. They depend on the machine "
-                  "and its load: they say nothing about a solver."),
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Part:
-    """The changes of one rank."""
-
-    name: str
-    words: str
-    rows: tuple[Ranked, ...]
 
 
 def write_compare(a: Path, b: Path, folder: Place) -> Path:
@@ -59,7 +41,7 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
     before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), changes(a, b)
     unknown = ranking.find_unmeasured(before, after)
-    changed = {r.settings_id for p in parts for r in p.rows}
+    changed = {r.settings_id for rows in parts.values() for r in rows}
     return site.write(
         Page("Comparison", "compare.html", nav=True, order=90), "compare.html", scripts=["assets/judgement.js"],
         plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
@@ -72,14 +54,13 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
     )  # fmt: skip
 
 
-def changes(a: Results, b: Results) -> tuple[Part, ...]:
+def changes(a: Results, b: Results) -> dict[Rank, list[Ranked]]:
     """By rank, the most important first; ranks without a change are left out."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     verdicts = (read_judged(results.folder, CLAIMS).found or () for results in (a, b))
     rows = [*ranking.endings(before, after), *ranking.claims(*verdicts), *ranking.physics(before, after),
             *ranking.work(before, after), *ranking.timings(before, after)]  # fmt: skip
-    parts = (Part(*HEADS[rank], tuple(r for r in rows if r.rank is rank)) for rank in Rank)
-    return tuple(p for p in parts if p.rows)
+    return group_by(rows, lambda r: r.rank)
 
 
 def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
@@ -105,11 +86,10 @@ def describe_unexplained(
     return f"No input differs, but results do. {'; '.join(words)}."
 
 
-def overlays(a: Results, b: Results, parts: Sequence[Part]) -> list[Plot]:
+def overlays(a: Results, b: Results, parts: Mapping[Rank, Sequence[Ranked]]) -> list[Plot]:
     """The energy errors of both runs, for the runs whose ending or motion changed, the most important first."""
     runs = [links_of(results.runs).runs for results in (a, b)]
-    ranks = (Rank.ENDING, Rank.PHYSICS)
-    wanted = dict.fromkeys(r.settings_id for p in parts for r in p.rows if r.rank in ranks)
+    wanted = dict.fromkeys(r.settings_id for rank in (Rank.ENDING, Rank.PHYSICS) for r in parts.get(rank, ()))
     taken: set[str] = set()
     plots = []
     for settings in wanted:

@@ -66,13 +66,10 @@ def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     out = []
     for a, b in pairs(before, after):
         if a.status != b.status:
-            old, new = (BETTER.index(mark(r.status).kind) for r in (a, b))
-            worse, weight = (
-                None if old == new or "unfinished" in (a.status, b.status) else new > old,
-                10.0 * (new > old) + max(old, new),
-            )
-            then, now = mark(a.status).word, mark(b.status).word
-            out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", then, now, "", worse, weight))
+            (then, old), (now, new) = ((m, BETTER.index(m.kind)) for m in (mark(a.status), mark(b.status)))
+            worse = None if old == new or "unfinished" in (a.status, b.status) else new > old
+            weight = 10.0 * (new > old) + max(old, new)
+            out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", then.word, now.word, "", worse, weight))
     return sort_worst_first(out)
 
 
@@ -92,7 +89,8 @@ def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
 
 def physics(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
     """Numbers that changed by more than two machines may differ by, as parts of the problem's own scale."""
-    return gather_by_run([r for a, b, c in _changes(before, after) if c.metric in PHYSICS for r in _physics(a, b, c)])
+    found = (_physics(a, b, c) for a, b, c in _changes(before, after) if c.metric in PHYSICS)
+    return gather_by_run([r for r in found if r])
 
 
 def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
@@ -100,20 +98,12 @@ def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked
     out = []
     for a, _, c in _changes(before, after):
         if c.metric in WORK and not isinstance(c.before, str) and not isinstance(c.after, str):
-            ratio = _ratio(c.before, c.after)
-            out.append(
-                Ranked(
-                    Rank.WORK,
-                    a.settings_id,
-                    a.case,
-                    WORK[c.metric],
-                    number(c.before),
-                    number(c.after),
-                    format_ratio(ratio),
-                    ratio > 1.0,
-                    abs(math.log(ratio)) if ratio > 0.0 else 99.0,
-                )
-            )
+            x, y = c.before, c.after
+            ratio = y / x if x > 0.0 else math.inf if y > 0.0 else 1.0
+            ratio = ratio if math.isfinite(x) and math.isfinite(y) else math.nan
+            weight = abs(math.log(ratio)) if ratio > 0.0 else 99.0
+            out.append(Ranked(Rank.WORK, a.settings_id, a.case, WORK[c.metric], number(x), number(y),
+                              format_ratio(ratio), ratio > 1.0, weight))  # fmt: skip
     return gather_by_run(out)
 
 
@@ -122,8 +112,8 @@ def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     out = []
     for a, b in pairs(before, after):
         x, y = a.cpu_median_s, b.cpu_median_s
-        apart = a.cpu_max_s < b.cpu_min_s or b.cpu_max_s < a.cpu_min_s
-        if x > 0.0 and y > 0.0 and apart and max(x / y, y / x) > SPREAD:
+        separate = a.cpu_max_s < b.cpu_min_s or b.cpu_max_s < a.cpu_min_s
+        if x > 0.0 and y > 0.0 and separate and max(x / y, y / x) > SPREAD:
             out.append(Ranked(Rank.TIMING, a.settings_id, a.case, "CPU time", f"{number(x)} s", f"{number(y)} s",
                               format_ratio(y / x), y > x, abs(math.log(y / x))))  # fmt: skip
     return sort_worst_first(out)
@@ -168,36 +158,28 @@ def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tu
     return out
 
 
-def _physics(a: RunRecord, b: RunRecord, c: Change) -> list[Ranked]:
+def _physics(a: RunRecord, b: RunRecord, c: Change) -> Ranked | None:
+    """A number that changed; None where the status says it already."""
     words, unit, column = PHYSICS[c.metric]
     x, y = (math.nan if isinstance(v, str) else v for v in (c.before, c.after))
     scale = float(getattr(a, column)) if column else 1.0
     scale = scale if scale > 0.0 and math.isfinite(scale) else 1.0
     gap = abs(abs(y) - abs(x)) if c.metric.endswith("_end_J") else abs(y - x)
     weight = gap / scale if math.isfinite(gap) else math.inf
-    worse = None if math.isnan(x) or math.isnan(y) else abs(y) > abs(x)
-    if c.metric == "t_reached_s" and worse is not None:
-        worse = y < x
+    if a.status != b.status and not math.isfinite(weight):
+        return None
+    alike = math.isnan(x) or math.isnan(y) or gap <= SAME * max(abs(x), abs(y))
+    worse = None if alike else y < x if c.metric == "t_reached_s" else abs(y) > abs(x)
     share = f"{number(100.0 * weight)} %" if weight >= LITTLE else f"less than {100.0 * LITTLE:g} %"
     size = f"{share} of the problem's scale" if math.isfinite(weight) else "came or went"
-    if gap <= SAME * max(abs(x), abs(y)):
-        worse = None
-    if a.status != b.status and not math.isfinite(weight):
-        return []  # the status says it already
     limit = a.energy_allowed_J
     if c.metric == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
         weight, size = math.inf, f"crosses the benchmark's limit of {number(limit)} J"
     shown, now = (f"{v} {unit}".strip() for v in apart(x, y))
-    return [Ranked(Rank.PHYSICS, a.settings_id, a.case, words, shown, now, size, worse, weight)]
+    return Ranked(Rank.PHYSICS, a.settings_id, a.case, words, shown, now, size, worse, weight)
 
 
 def apart(x: float, y: float) -> tuple[str, str]:
     """Both with as many digits as it takes to see that they differ."""
     pairs_of = ((number(x, digits), number(y, digits)) for digits in range(3, 13))
     return next((p for p in pairs_of if p[0] != p[1]), (number(x), number(y)))
-
-
-def _ratio(x: float, y: float) -> float:
-    if not (math.isfinite(x) and math.isfinite(y)):
-        return math.nan
-    return y / x if x > 0.0 else math.inf if y > 0.0 else 1.0

@@ -124,6 +124,6 @@ def test_page_of_two_runs(two_runs, tmp_path):
 
 def test_a_run_compared_with_itself_has_no_change(two_runs, tmp_path):
     a, _ = two_runs
-    assert changes(read_results(a), read_results(a)) == ()
+    assert changes(read_results(a), read_results(a)) == {}
     text = Outline(write_compare(a, a, Place(tmp_path)).read_text(encoding="utf-8")).plain
     assert "No input differs, and no result does." in text and "Nothing changed" in text
