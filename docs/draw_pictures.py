@@ -76,7 +76,7 @@ def publish_engines(folder: Path) -> None:
     (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
     for old in (ENGINES / "runs").glob("*.json"):
         old.unlink()
-    for run in (c.run for c in cards if is_engine(c.run.record.solver)):
+    for run in (c["run"] for c in cards if is_engine(c["run"].record.solver)):
         write_record(ENGINES, replace(run.record, series="", stderr=""))
 
 

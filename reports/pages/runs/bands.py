@@ -2,9 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-from markupsafe import Markup
+from typing import Any
 
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ....harness.results.records import reasons_of
@@ -14,7 +12,7 @@ from ...mechanism.stage import moment
 from ...model.accuracy import list_followed, margin
 from ...model.catalogue import code_of_others, is_engine
 from ...model.heat import Heat
-from ...model.results import Results, Run, Variant, group_by, read_results
+from ...model.results import Results, Run, group_by, read_results
 from ...model.words import join_words, number, plural, time
 from ...plots.palette import Look
 from ..judged.claims import Shown, claims_of, counts
@@ -27,28 +25,11 @@ SENTENCES = 10
 DEPENDS = ("conditional", "mixed")
 
 
-@dataclass(frozen=True)
-class FalseSuccess:
-    """A run that claims success and is wrong, at the moment it breaks its law."""
-
-    run: Run
-    code: str  # the package of others that it runs
-    published: bool  # made elsewhere, with engines that these results lack
-    picture: Markup | None
-    law: str
-    size: str
-    times: float
-    at: float  # [s] it first passes the limit
-    drawn: float  # [s] of the picture: as late as errors are judged
-    command: str
-
-
-def false_successes(results: Results, label: str) -> tuple[list[FalseSuccess], int]:
+def false_successes(results: Results, label: str) -> tuple[list[dict[str, Any]], int]:
     """The farthest over its limit of each solver, code of others and plain settings first; how many are wrong here."""
     wrong = [c for c in results.runs if c.status == "wrong"]
     engines = any(is_engine(s) for s in results.solvers)
-    published = () if engines else read_results(ENGINES).runs
-    plugins = [str(p) for p in results.environment.get("plugins") or []]
+    published = () if engines else read_results(ENGINES).runs  # made elsewhere, with engines that these results lack
 
     def key(c: Run) -> tuple[bool, bool, bool, float, str]:
         m = margin(c)
@@ -56,81 +37,60 @@ def false_successes(results: Results, label: str) -> tuple[list[FalseSuccess], i
         return not code_of_others(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
 
     worst = [min(own, key=key) for own in group_by([*wrong, *published], lambda c: c.record.solver).values()]
-    return [_card(results, c, plugins, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
+    return [_card(results, c, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
 
 
-def wrong_title(cards: Sequence[FalseSuccess], wrong: int) -> str:
+def wrong_title(cards: Sequence[Mapping[str, Any]], wrong: int) -> str:
     """How many runs, and which code of others is among them, here or as published."""
     verbs = "reports success and is" if wrong == 1 else "report success and are"
     said = f"{plural(wrong, 'run')} {verbs} wrong"
-    here, elsewhere = (list(dict.fromkeys(c.code for c in cards if c.code and c.published is p)) for p in (False, True))
+    here, elsewhere = (list(dict.fromkeys(c["code"] for c in cards if c["code"] and c["published"] is p))
+                       for p in (False, True))  # fmt: skip
     by = f", among them {join_words(here)} at some settings" if here else ""
     return f"{said}{by}{f'; as published, also runs of {join_words(elsewhere)}' if elsewhere else ''}"
 
 
-def _card(results: Results, run: Run, plugins: Sequence[str], published: bool) -> FalseSuccess:
-    m = margin(run)
-    reason = m.error if m else reasons_of(run.record.wrong_because)[0]
-    at = reason.time_s if reason.time_s == reason.time_s else run.record.t_reached_s
-    r = run.record
+def _card(results: Results, run: Run, published: bool) -> dict[str, Any]:
+    """A run that claims success and is wrong, when it breaks its law, drawn as late as errors are judged."""
+    m, r = margin(run), run.record
+    reason = m.error if m else reasons_of(r.wrong_because)[0]
     drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
     seen = moment(results, run, drawn) if r.series and not published else None
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
-    size = f"{number(reason.value)} of {' '.join(filter(None, (number(reason.limit), reason.unit)))} allowed"
-    times = reason.value / reason.limit if reason.limit > 0.0 else math.inf
-    code, picture = code_of_others(r.solver).partition(" on ")[0], snapshot(*seen, words) if seen else None
-    return FalseSuccess(run, code, published, picture, law_of(reason).removeprefix("the "), size,
-                        times, at, drawn, write_command(run.record, plugins))  # fmt: skip
+    return {
+        "run": run, "code": code_of_others(r.solver).partition(" on ")[0], "published": published,
+        "picture": snapshot(*seen, words) if seen else None, "law": law_of(reason).removeprefix("the "),
+        "size": f"{number(reason.value)} of {' '.join(filter(None, (number(reason.limit), reason.unit)))} allowed",
+        "times": reason.value / reason.limit if reason.limit > 0.0 else math.inf,
+        "at": reason.time_s if reason.time_s == reason.time_s else r.t_reached_s, "drawn": drawn,
+        "command": write_command(r, results.plugins),
+    }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Strip:
-    """How long each solver follows the exact motion of a problem."""
-
-    variant: Variant
-    whole: int  # solvers that follow it to the end of what is known
-    count: int
-    known: float  # [s]
-    picture: Markup
-
-    @property
-    def all_follow(self) -> bool:
-        return self.whole == self.count
-
-
-def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[Strip]:
-    """One a problem of the heat map that has a reference."""
+def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[dict[str, Any]]:
+    """How long each solver follows the exact motion, one a problem of the heat map that has a reference."""
     out = []
     for variant in picture.problems if picture else ():
         own = list_followed(variant)
         known = max((f.known for f in own), default=0.0)
         if known > 0.0:
-            whole = [f for f in own if f.whole]
+            whole = sum(f.whole for f in own)
             dots = [(f.until / known, looks[f.run.record.solver].colour, f"{f.run.record.solver}: {f.words}",
                      f.run.record.solver) for f in own if not f.whole]  # fmt: skip
-            words = f"{variant.title}: {len(whole)} of {len(own)} to {time(float(f'{known:.3g}'))} s"
-            out.append(Strip(variant, len(whole), len(own), known, ticks_on(dots, len(whole), words)))
+            words = f"{variant.title}: {whole} of {len(own)} to {time(float(f'{known:.3g}'))} s"
+            out.append({"variant": variant, "whole": whole, "count": len(own), "known": known,
+                        "picture": ticks_on(dots, whole, words), "all_follow": whole == len(own)})  # fmt: skip
     return out
 
 
-def strips_title(found: Sequence[Strip]) -> str:
+def strips_title(found: Sequence[Mapping[str, Any]]) -> str:
     """Pairs of a solver and a motion."""
-    whole, count = (sum(getattr(s, k) for s in found) for k in ("whole", "count"))
+    whole, count = (sum(s[k] for s in found) for k in ("whole", "count"))
     return f"{whole} of {plural(count, 'run')} follow{'s' if count == 1 else ''} the exact motion to its end"
 
 
-@dataclass(frozen=True)
-class Verdicts:
-    """The paper's claims on the first page."""
-
-    title: str
-    columns: dict[str, list[Shown]]
-    sentences: list[Shown]
-    published: str
-
-
-def verdicts(results: Results) -> Verdicts | None:
-    """Verdicts of these results, else as published; None where there is neither."""
+def verdicts(results: Results) -> dict[str, Any] | None:
+    """The paper's claims as judged by these results, else as published; None where there is neither."""
     found = read_judged_or_published(results.folder, CLAIMS)
     kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims that lack runs here
     shown = [c for c in claims_of(found.found or (), links_of(results.runs), kept) if not c.presentation]
@@ -142,7 +102,8 @@ def verdicts(results: Results) -> Verdicts | None:
              f"{depend} depend on settings; {n['untestable']} cannot be tested")  # fmt: skip
     lacking = sum(c.published for c in shown)
     words = f"{lacking} lack runs here" if lacking else ""
-    return Verdicts(title, group_by(shown, lambda c: c.section), told(shown), found.published or words)
+    return {"title": title, "columns": group_by(shown, lambda c: c.section), "sentences": told(shown),
+            "published": found.published or words}  # fmt: skip
 
 
 def told(shown: Sequence[Shown]) -> list[Shown]:

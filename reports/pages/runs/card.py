@@ -2,9 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-from markupsafe import Markup
+from typing import Any
 
 from ....harness.results.judgements.runs import Drift, Order
 from ...model.accuracy import Followed
@@ -16,39 +14,21 @@ from ..svg import badge
 QUANTITY = "position"  # whose order stands for a solver
 
 
-@dataclass(frozen=True)
-class Fact:
-    """One line of the card; ``kind`` is its colour, ``short`` its value on the badge."""
-
-    name: str
-    value: str
-    short: str
-    kind: str = "refused"
-
-
-@dataclass(frozen=True)
-class Card:
-    """Card of a solver at its default options."""
-
-    solver: str
-    facts: tuple[Fact, ...]
-
-    @property
-    def badge(self) -> Markup:
-        """An SVG file for a README."""
-        return badge(self.solver, [(f.name, f.short, f.kind) for f in self.facts])
+Fact = tuple[str, str, str, str]  # a line: its name and value, the value on the badge, the kind of mark that colours it
 
 
 def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], followed: Sequence[Followed],
-            costs: Sequence[Frontier]) -> Card:  # fmt: skip
-    """Facts about a solver; a line without one is left out."""
+            costs: Sequence[Frontier]) -> dict[str, Any]:  # fmt: skip
+    """Facts about a solver at its default options, and the same as a badge; a line without a fact is left out."""
     found = (
         _order(solver, orders),
         _energy(solver, drifts),
         _shortest_followed(solver, followed),
         _cost(solver, costs),
     )
-    return Card(solver, tuple(f for f in found if f is not None))
+    facts = [f for f in found if f is not None]
+    drawn = badge(solver, [(name, short, kind) for name, _, short, kind in facts])
+    return {"solver": solver, "facts": facts, "badge": drawn}
 
 
 def _order(solver: str, orders: Sequence[Order]) -> Fact | None:
@@ -61,7 +41,7 @@ def _order(solver: str, orders: Sequence[Order]) -> Fact | None:
     value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f})"
     on = f"{best.verdict} on {alike} of {plural(len(own), 'problem')}"
     declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
-    return Fact("order", f"{value}{declared}; {on}", f"{best.order:.2f}", verdict_mark(best.verdict).kind)
+    return "order", f"{value}{declared}; {on}", f"{best.order:.2f}", verdict_mark(best.verdict).kind
 
 
 def _energy(solver: str, drifts: Sequence[Drift]) -> Fact | None:
@@ -73,7 +53,7 @@ def _energy(solver: str, drifts: Sequence[Drift]) -> Fact | None:
     words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
     over = f"over {plural(d.periods, 'period')}"
     moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
-    return Fact("energy", f"{words} {over} of {d.problem}{moved}", f"{words} {over}", verdict_mark(d.verdict).kind)
+    return "energy", f"{words} {over} of {d.problem}{moved}", f"{words} {over}", verdict_mark(d.verdict).kind
 
 
 def _shortest_followed(solver: str, followed: Sequence[Followed]) -> Fact | None:
@@ -85,9 +65,9 @@ def _shortest_followed(solver: str, followed: Sequence[Followed]) -> Fact | None
     least = min(own, key=lambda f: f.until / f.known)
     all_of = f"{whole} of {plural(len(own), 'motion')} to the end of the reference"
     if whole == len(own):
-        return Fact("followed", all_of, f"{whole} of {len(own)}", "good")
+        return "followed", all_of, f"{whole} of {len(own)}", "good"
     words = f"least {least.run.variant}, {time(float(f'{least.until:.3g}'))} of {time(float(f'{least.known:.3g}'))} s"
-    return Fact("followed", f"{all_of}; {words}", f"{whole} of {len(own)}", "failed")
+    return "followed", f"{all_of}; {words}", f"{whole} of {len(own)}", "failed"
 
 
 def _cost(solver: str, costs: Sequence[Frontier]) -> Fact | None:
@@ -97,6 +77,5 @@ def _cost(solver: str, costs: Sequence[Frontier]) -> Fact | None:
         return None
     mean = math.exp(sum(map(math.log, factors)) / len(factors))
     ratio = f"×{number(mean, 2)}"
-    value = f"{ratio} the cheapest at {decade(costs[0].target)}, "
-    return Fact("cost", f"{value}reached on {len(factors)} of {plural(len(costs), 'problem')}", ratio,
-                "good" if mean < 3.0 else "refused")  # fmt: skip
+    value = f"{ratio} the cheapest at {decade(costs[0].target)}, reached on {len(factors)} of "
+    return "cost", value + plural(len(costs), "problem"), ratio, "good" if mean < 3.0 else "refused"

@@ -46,7 +46,7 @@ def write(results: Results, site: Site) -> Page | None:
         target=target, stages=stages, panels_title=panels_title(of_most_problems(found)), cards=cards,
         wrong_title=wrong_title(cards, wrong),
         strips=follow, strips_title=strips_title(follow), verdicts=verdicts(results), lead=lead(results),
-        door=max(site.cards.values(), key=lambda c: (len(c.facts), c.solver), default=None),
+        door=max(site.cards.values(), key=lambda c: (len(c["facts"]), c["solver"]), default=None),
     )  # fmt: skip
 
 
@@ -80,7 +80,6 @@ def _cells(results: Results, site: Site, picture: Heat | None) -> dict[str, Any]
 
 def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict[str, Any]:
     r = b.run.record
-    plugins = [str(p) for p in results.environment.get("plugins") or []]
     series = results.series(b.run, poses=False) if r.series else None
     strip = None
     if series is not None and "energy_error" in series and len(series["t"]):
@@ -89,7 +88,7 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
     error = f"{number(measure.of(b.run))} {measure.unit}" if measure else "no reference"
     facts = (("CPU", seconds(r.cpu_median_s)), (measure.what if measure else "error", error),
              ("energy error", f"{number(r.energy_drift_max_J)} J"), ("steps", str(r.steps)))  # fmt: skip
-    return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": write_command(r, plugins),
+    return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": write_command(r, results.plugins),
             "strip": strip, "facts": facts}  # fmt: skip
 
 

@@ -65,7 +65,7 @@ def _page(results: Results, site: Site, name: str, judged: Sequence[Judged[Any]]
     drawn = ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
     card = site.cards[name] = card_of(name, orders, drift, follow, costs)
     badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
-    (site.folder / badge).write(card.badge, durable=False)
+    (site.folder / badge).write(card["badge"], durable=False)
     work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
     site.write(
         Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
