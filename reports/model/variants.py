@@ -1,7 +1,6 @@
 """Which variants are the problems themselves, and which present them otherwise or vary their parameters."""
 
 from collections import Counter
-from dataclasses import dataclass
 
 from .results import Results, Run, Variant, group_by
 from .words import plural
@@ -21,18 +20,6 @@ PRESENTED = {
 }  # parameters that every problem has and that change no motion, or hardly
 SAME_MOTION = ("mirror", "renumber", "duplicate", "unit_length", "unit_mass", "unit_time", "retrace")
 OTHER_PARAMETERS = "other end times, sizes and releases"
-
-
-@dataclass(frozen=True)
-class VariantGroup:
-    """Variants that differ from the problems in the same way."""
-
-    words: str
-    variants: tuple[Variant, ...]
-
-    @property
-    def runs(self) -> tuple[Run, ...]:
-        return tuple(c for p in self.variants for c in p.runs)
 
 
 def presentation(variant: Variant) -> str:
@@ -64,12 +51,12 @@ def themselves(results: Results, label: str) -> tuple[Variant, ...]:
     return tuple(p for p in results.variants if p.title in own or (p.problem not in there and not presentation(p)))
 
 
-def variant_groups(results: Results, label: str) -> tuple[VariantGroup, ...]:
+def variant_groups(results: Results, label: str) -> dict[str, list[Variant]]:
     """All others, by how they differ; the same problems at other times and sizes first."""
     here = {p.title for p in themselves(results, label)}
     others = [p for p in results.variants if p.title not in here]
     apart = group_by(others, lambda p: presentation(p) or OTHER_PARAMETERS)
-    return tuple(VariantGroup(w, tuple(apart[w])) for w in (OTHER_PARAMETERS, *PRESENTED.values()) if w in apart)
+    return {words: apart[words] for words in (OTHER_PARAMETERS, *PRESENTED.values()) if words in apart}
 
 
 def groups_of(variant: Variant, label: str) -> dict[str, tuple[Run, ...]]:

@@ -222,7 +222,7 @@ def test_problems_stand_before_their_variants(tmp_path):
     label = broadest(results)
     assert label == "recommended"
     assert {p.title for p in themselves(results, label)} == {"pendulum", "other"}
-    apart = {v.words: len(v.variants) for v in variant_groups(results, label)}
+    apart = {words: len(own) for words, own in variant_groups(results, label).items()}
     assert apart == {OTHER_PARAMETERS: 1, "turned about the vertical": 3}
     (v,) = [v for v in standings(results) if v.solver == "alpha"]
     assert v.finest.runs == 1 and not v.breaks_on and v.everything.wrong == 3
