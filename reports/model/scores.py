@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from .accuracy import drifts, measure_for
 from .results import Results, Run, Variant, by_solver
@@ -58,31 +59,25 @@ def score(runs: Iterable[Run]) -> Score:
     return Score(**ended, bounded=energy[False], drifting=energy[True])
 
 
-@dataclass(frozen=True)
-class Standing:
-    """Outcomes of a solver's finest settings on the problems of the plain comparison, and of all else."""
+def standings(results: Results) -> list[dict[str, Any]]:
+    """Outcomes of each solver's finest settings on the problems of the plain comparison, and of all its runs.
 
-    solver: str
-    paper_label: str
-    finest: Score
-    everything: Score
-    breaks_on: tuple[tuple[Run, str], ...]  # with why, in a few words
-
-
-def standings(results: Results) -> list[Standing]:
-    """One a solver, whose finest settings succeed on most problems first; equals by name."""
-    label = broadest(results)
+    Whose finest settings succeed on most problems is first; equals by name.
+    """
+    label, out = broadest(results), []
     variants = themselves(results, label)
-    out = []
     for solver, own in by_solver(results.runs).items():
         stands = [(p, h) for p in variants if (h := finest(p, solver, label)) is not None]
         heads = [h for _, h in stands]
-        out.append(Standing(
-            solver, ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])), score(heads), score(own),
-            tuple((c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in stands
-                  if not (c.succeeded or c.unfinished)),
-        ))  # fmt: skip
-    return sorted(out, key=lambda v: (-(v.finest.succeeded / v.finest.runs if v.finest.runs else -1.0), v.solver))
+        failures = [(p, c) for p, c in stands if not (c.succeeded or c.unfinished)]
+        out.append({
+            "solver": solver, "paper_label": ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])),
+            "finest": score(heads), "everything": score(own),
+            "breaks_on": [(c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in failures],
+        })  # fmt: skip
+    return sorted(
+        out, key=lambda v: (-(v["finest"].succeeded / v["finest"].runs if v["finest"].runs else -1.0), v["solver"])
+    )
 
 
 def finest(variant: Variant, solver: str, label: str) -> Run | None:

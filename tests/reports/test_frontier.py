@@ -178,8 +178,8 @@ def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
     put(tmp_path, record("aa01", dt_s=0.01, status="diverged", message="too coarse"))
     put(tmp_path, record("aa02", dt_s=0.005))
     (v,) = standings(read_results(tmp_path))
-    assert (v.finest.succeeded, v.finest.runs) == (1, 1) and not v.breaks_on
-    assert (v.everything.succeeded, v.everything.stopped) == (1, 1)
+    assert (v["finest"].succeeded, v["finest"].runs) == (1, 1) and not v["breaks_on"]
+    assert (v["everything"].succeeded, v["everything"].stopped) == (1, 1)
 
 
 def test_each_solver_has_its_own_ending(tmp_path):
@@ -191,8 +191,8 @@ def test_each_solver_has_its_own_ending(tmp_path):
     put(tmp_path, record("cc02", "gamma", dt_s=0.001, label="work", judged_to_s=0.5))
     put(tmp_path, record("dd01", "delta", "refused", message="rank"))
     results = read_results(tmp_path)
-    found = {v.solver: v for v in standings(results)}
-    assert {s: [why for _, why in v.breaks_on] for s, v in found.items() if v.breaks_on} == {
+    found = {v["solver"]: v for v in standings(results)}
+    assert {s: [why for _, why in v["breaks_on"]] for s, v in found.items() if v["breaks_on"]} == {
         "gamma": ["it left reaches 2 m, more than 1 m; succeeds at dt = 0.001 s"], "delta": ["rank"],
     }  # fmt: skip
     assert unpredictable(results) == "Errors are judged while the motion is predictable: pendulum to 0.5 of 2 s."
@@ -224,8 +224,8 @@ def test_problems_stand_before_their_variants(tmp_path):
     assert {p.title for p in themselves(results, label)} == {"pendulum", "other"}
     apart = {words: len(own) for words, own in variant_groups(results, label).items()}
     assert apart == {OTHER_PARAMETERS: 1, "turned about the vertical": 3}
-    (v,) = [v for v in standings(results) if v.solver == "alpha"]
-    assert v.finest.runs == 1 and not v.breaks_on and v.everything.wrong == 3
+    (v,) = [v for v in standings(results) if v["solver"] == "alpha"]
+    assert v["finest"].runs == 1 and not v["breaks_on"] and v["everything"].wrong == 3
     assert broadest(read_results(only(tmp_path, "symmetries"))) == "symmetries"
 
 

@@ -5,18 +5,25 @@ from typing import Any
 
 from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
 from ....harness.results.words import words_of
-from ...model.accuracy import Followed, list_followed
+from ...model.accuracy import list_followed
 from ...model.catalogue import about_solver
-from ...model.frontier import Frontier, broad, of_most_problems
+from ...model.frontier import broad, of_most_problems
 from ...model.heat import heat
 from ...model.results import Results, Run, by_solver, group_by, natural, text_of
-from ...model.scores import Score, Standing, score, standings
+from ...model.scores import Score, score, standings
 from ...model.variants import broadest, groups_of, themselves
-from ...model.words import plural
 from ..base import Page, Site
-from ..judged import orders as judged_in
-from ..judged.orders import by_case, ladders, tally, verdict_mark
-from ..judgement import Judged, links_of, read_judged_or_published
+from ..judged.orders import (
+    MARKS,
+    by_case,
+    describe_drift,
+    describe_order,
+    describe_symmetry,
+    ladders,
+    tally,
+    verdict_mark,
+)
+from ..judgement import links_of, read_judged_or_published
 from .card import QUANTITY, card_of
 
 CHIPS = 8  # runs named in a row; the problem's page has all
@@ -26,56 +33,39 @@ FILES: tuple[File[Any], ...] = (ORDERS, DRIFTS, SYMMETRIES, WRONG)  # judgements
 
 def write(results: Results, site: Site) -> Page | None:
     """``solvers.html``, and ``solver-<name>.html`` and ``badges/<name>.svg`` of every solver."""
-    label = broadest(results)
+    label, links = broadest(results), links_of(results.runs)
     plain = {p.title for p in themselves(results, label)}
     judged = [read_judged_or_published(results.folder, file) for file in FILES]
     picture = heat(results)
     follow = [f for p in (picture.problems if picture else ()) for f in list_followed(p)]
     costs = of_most_problems(broad(results, site.frontiers))
+    loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
     for name, runs in by_solver(results.runs).items():
+        orders, drifts, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
+        certified = by_case(orders)
+        drawn = ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
+        card = site.cards[name] = card_of(name, orders, drifts, follow, costs)
+        badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
+        (site.folder / badge).write(card["badge"], durable=False)
+        work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
                 for group, own in groups_of(p, label).items()]  # fmt: skip
-        rows = [row for row in rows if row[2]]
-        _page(
-            results, site, name, judged, follow, costs, runs=runs, score=score(runs), most=CHIPS,
-            paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})), options=_options(runs),
-            reasons=_reasons(runs), loud=sorted(runs, key=lambda c: (c.record.label != label, c.variant not in plain)),
-            rows=[row for row in rows if row[0].title in plain],
-            apart=[row for row in rows if row[0].title not in plain],
+        site.write(
+            Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
+            scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
+            runs=runs, score=score(runs), most=CHIPS, options=_options(runs), reasons=_reasons(runs),
+            paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})),
+            loud=[c for c in loud if c.record.solver == name],
+            rows=[row for row in rows if row[2] and row[0].title in plain],
+            apart=[row for row in rows if row[2] and row[0].title not in plain],
+            links=links, whys=[(j.why, j.published) for j in judged], certificates=certified,
+            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))), verdict_mark=verdict_mark,
+            checks={title: (own, *tally(own)) for title, own in group_by(symmetries, lambda s: s.title).items()},
+            marks_of=MARKS, describe_order=describe_order, describe_drift=describe_drift,
+            describe_symmetry=describe_symmetry, wrong=wrong, reason_words=words_of,
         )  # fmt: skip
-    found = standings(results)
-    loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
-    return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html", standings=found,
-                      label=label, title=title(found), loud=loud,
-                      about={v.solver: about_solver(v.solver) for v in found})  # fmt: skip
-
-
-def title(found: Sequence[Standing]) -> str:
-    """How many succeed on every problem that they ran."""
-    ran = [v for v in found if v.finest.runs]
-    whole = [v for v in ran if v.finest.succeeded == v.finest.runs]
-    return f"{len(whole)} of {plural(len(ran), 'solver')} succeed on every problem they ran" if ran else "Solvers"
-
-
-def _page(results: Results, site: Site, name: str, judged: Sequence[Judged[Any]], follow: Sequence[Followed],
-          costs: Sequence[Frontier], **values: Any) -> None:  # fmt: skip
-    orders, drift, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
-    links = links_of(results.runs)
-    certified = by_case(orders)
-    drawn = ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
-    card = site.cards[name] = card_of(name, orders, drift, follow, costs)
-    badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
-    (site.folder / badge).write(card["badge"], durable=False)
-    work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
-    site.write(
-        Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
-        scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
-        links=links, whys=[(j.why, j.published) for j in judged], certificates=certified,
-        drifts=sorted(drift, key=lambda d: (natural(d.variant), natural(d.case))), verdict_mark=verdict_mark,
-        checks={title: (own, *tally(own)) for title, own in group_by(symmetries, lambda s: s.title).items()},
-        marks_of=judged_in.MARKS, describe_order=judged_in.describe_order, describe_drift=judged_in.describe_drift,
-        describe_symmetry=judged_in.describe_symmetry, wrong=wrong, reason_words=words_of, **values,
-    )  # fmt: skip
+    return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html",
+                      standings=standings(results), label=label, loud=loud, about=about_solver)  # fmt: skip
 
 
 def _options(runs: Sequence[Run]) -> dict[str, Score]:
