@@ -106,17 +106,17 @@ def csv_of(runs: Sequence[Run]) -> str:
     """All columns, numbers in full; empty where a quantity does not exist."""
     rows = [[c.variant, c.record.solver, c.record.paper_label, *(_full(k, c) for k in COLUMNS), "; ".join(c.reasons)]
             for c in runs]  # fmt: skip
-    return to_csv([["problem", "solver", "paper_label", *map(_head, COLUMNS), "reason"], *rows])
+    return format_csv([["problem", "solver", "paper_label", *map(_head, COLUMNS), "reason"], *rows])
 
 
 def rounded_csv_of(runs: Sequence[Run]) -> str:
     """The columns of the LaTeX table with the same digits."""
     columns = list_printed_columns(runs)
     rows = [[c.record.solver, *(_round_cell(k, c) for k in columns)] for own in by_solver(runs).values() for c in own]
-    return to_csv([["solver", *map(_head, columns)], *rows])
+    return format_csv([["solver", *map(_head, columns)], *rows])
 
 
-def to_csv(rows: Sequence[Sequence[str]]) -> str:
+def format_csv(rows: Sequence[Sequence[str]]) -> str:
     """Rows of cells as text."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)

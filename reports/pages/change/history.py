@@ -12,7 +12,7 @@ from ....harness.places import NotOwn
 from ....harness.results.history import find_histories, merge_rows, read_folder, read_rows
 from ....harness.results.rows import Row
 from ...model.results import Results, group_by
-from ...model.tables import to_csv
+from ...model.tables import format_csv
 from ...model.words import Mark, mark, number
 from ..base import Page, Site
 from ..svg import sparkline
@@ -169,4 +169,4 @@ def table(found: Sequence[Line]) -> str:
         marks, gate = line.marks, [m.word for m in line.gates[-1:]]
         rows.append([line.case, str(len(line.rows)), "yes" if line.changed else "no", marks[0].word, marks[-1].word,
                      *ends, *(gate or [""])])  # fmt: skip
-    return to_csv([HEADS, *rows])
+    return format_csv([HEADS, *rows])
