@@ -15,16 +15,23 @@ STAMPED = ("numpy", "scipy")  # packages of the short form
 def facts(results: Results) -> list[tuple[str, str]]:
     """Name and value, those a reader checks first at the top."""
     e = results.environment
+
+    def recorded(key: str) -> str:
+        return str(e.get(key) or UNKNOWN)
+
+    def of_runs(column: str) -> str:
+        return ", ".join(sorted({getattr(c.record, column) for c in results.runs} - {""})) or UNKNOWN
+
     return [
-        ("Suite", str(e.get("suite") or _all(results.runs, "suite"))),
-        ("Results", str(e.get("results_folder") or results.folder.name)), ("Started", str(e.get("started") or UNKNOWN)),
-        ("Commit", _commit(e)), ("Code digest", str(e.get("code") or _all(results.runs, "code"))),
+        ("Suite", str(e.get("suite") or of_runs("suite"))),
+        ("Results", str(e.get("results_folder") or results.folder.name)), ("Started", recorded("started")),
+        ("Commit", _commit(e)), ("Code digest", str(e.get("code") or of_runs("code"))),
         ("Steps and tolerances", _values(results.runs, ASKED, "; ", largest_first=True)),
         ("Limits per run", _values(results.runs, LIMITS, ", ")),
         ("Machine", f"{_machine(e)}, {e.get('system', '')} {e.get('machine', '')}"),
-        ("Parallel processes", str(e.get("jobs") or UNKNOWN)), ("BLAS", _blas(e.get("blas"))),
-        ("Python", str(e.get("python") or UNKNOWN)), ("Lock file", str(e.get("lock_sha256") or UNKNOWN)[:16]),
-        ("Plugins", ", ".join(map(str, e.get("plugins") or [])) or "none"),
+        ("Parallel processes", recorded("jobs")), ("BLAS", _blas(e.get("blas"))),
+        ("Python", recorded("python")), ("Lock file", recorded("lock_sha256")[:16]),
+        ("Plugins", ", ".join(results.plugins) or "none"),
     ]  # fmt: skip
 
 
@@ -85,7 +92,3 @@ def _blas(given: Any) -> str:
     names = dict.fromkeys(" ".join(str(b[k]) for k in ("internal_api", "version") if b.get(k)) for b in known)
     threads = sorted({str(b.get("num_threads")) for b in known})
     return f"{', '.join(names)}: {' or '.join(threads)} thread(s)" if known else UNKNOWN
-
-
-def _all(runs: Sequence[Run], column: str) -> str:
-    return ", ".join(sorted({getattr(c.record, column) for c in runs} - {""})) or UNKNOWN

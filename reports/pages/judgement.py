@@ -65,10 +65,6 @@ class Links:
         run = self.runs.get(key)
         return page_of(run) if run else ""
 
-    def all(self, keys: Sequence[str]) -> tuple[tuple[str, str], ...]:
-        """Words and page of each."""
-        return tuple((self.words(k), self.page(k)) for k in keys)
-
 
 def links_of(runs: Sequence[Run]) -> Links:
     """Links to the runs of these results."""

@@ -4,7 +4,8 @@ import math
 from typing import Any
 
 from ....harness.results.records import reasons_of
-from ...mechanism.stage import Role, stage
+from ....harness.results.words import law_of
+from ...mechanism.stage import stage
 from ...model.accuracy import margin, measure_for
 from ...model.catalogue import code_of_others
 from ...model.frontier import of_most_problems
@@ -32,7 +33,7 @@ def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
     return sorted(best, key=telling, reverse=True)[:MINIATURES]
 
 
-def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
+def roles_of(variant: Variant, label: str, site: Site) -> list[tuple[Run, str]]:
     """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
     ended = (b for b in boxes_of(variant, label) if b.mark.kind not in ("open", "refused"))
     best_first = [b.run for b in sorted(ended, key=lambda b: b.order)]
@@ -41,10 +42,10 @@ def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
                    key=lambda c: len(c.record.paper_label))  # fmt: skip
     wrong = sorted((c for c in variant.runs if c.status == "wrong"), key=lambda c: _worst(c, site), reverse=True)
     worst = wrong or best_first[1:][-1:]
-    out: dict[str, Role] = {}
+    out: dict[str, tuple[Run, str]] = {}
     for runs, words in ((cheapest, "cheapest accurate"), (paper, "the paper's"), (worst, "the worst")):
         for run in [c for c in runs if c.record.series][:1]:
-            out.setdefault(run.record.run_id, Role(run, words))
+            out.setdefault(run.record.run_id, (run, words))
     return list(out.values())
 
 
@@ -77,20 +78,18 @@ def scene_of(results: Results, site: Site, variant: Variant, label: str) -> dict
     small = stage(results, roles[:1], measure, site.looks, SMALL)
     return {
         "file": f"stage-{variant.slug}", "title": variant.title, "problem": variant.problem.replace("_", " "),
-        "slug": variant.slug, "said": [_describe_role(role, site) for role in roles],
+        "slug": variant.slug, "said": [_describe_role(run, role, site) for run, role in roles],
         "small": small and {**small, "players": [] if small["exact"] else small["players"]},
     }  # fmt: skip
 
 
-def _describe_role(role: Role, site: Site) -> dict[str, str]:
-    run, measured = role.run, mark(role.run.status)
-    broken = reasons_of(run.record.wrong_because) if run.status == "wrong" else ()
-    since = min((r.time_s for r in broken if math.isfinite(r.time_s)), default=math.nan)
-    badge = measured.word + (f" from {number(since)} s" if since == since else "")
-    solver = run.record.solver
+def _describe_role(run: Run, role: str, site: Site) -> dict[str, str]:
+    measured, r = mark(run.status), run.record
+    broken = [b for b in reasons_of(r.wrong_because) if run.status == "wrong" and math.isfinite(b.time_s)]
+    first = min(broken, key=lambda b: b.time_s, default=None)
+    since = f": {law_of(first)} passes its limit at {number(first.time_s)} s" if first else ""
     return {
-        "solver": solver, "code": code_of_others(solver), "words": role.words, "step": run.step_words,
-        "url": site.url(run),
-        "claimed": run.record.claimed.replace("_", " "), "measured": badge, "kind": measured.kind,
-        "why": run.reasons[0] if run.reasons else "",
+        "solver": r.solver, "code": code_of_others(r.solver), "words": role, "step": run.step_words,
+        "url": site.url(run), "claimed": r.claimed.replace("_", " "), "measured": f"{measured.word}{since}",
+        "kind": measured.kind, "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip
