@@ -52,7 +52,10 @@ def title(found: Sequence[Frontier]) -> str:
     best = max(sorted(set(firsts)), key=firsts.count)
     unit = own[0].unit if len({f.unit for f in own}) == 1 else "m or rad"
     error = f"{decade(own[0].target)} {unit}"
-    return f"At {error}, {best} is cheapest on {firsts.count(best)} of {plural(len(own), 'variant')}"
+    on = plural(len(own), "problem")
+    if len({f.variant.partition("[")[0] for f in own}) < len(own):
+        on += ", each set of parameters counted"
+    return f"At {error}, {best} is cheapest on {firsts.count(best)} of {on}"
 
 
 def fields(results: Results, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
