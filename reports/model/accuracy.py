@@ -141,15 +141,10 @@ class Followed:
 
     run: Run
     until: float  # [s] within a tenth of the reach
-    open: bool  # the reference ends there, not the agreement
+    whole: bool  # followed to the end of what is known, or the reference ends there, not the agreement
     shades: tuple[tuple[str, float], ...]
     words: str
     known: float  # [s] the simulated time, as far as the reference goes
-
-    @property
-    def whole(self) -> bool:
-        """It is followed to the end of what is known."""
-        return self.open or self.until >= WHOLE * self.known
 
 
 def list_followed(variant: Variant) -> Sequence[Followed]:
@@ -159,12 +154,11 @@ def list_followed(variant: Variant) -> Sequence[Followed]:
         known = [c for c in own if not math.isnan(c.record.accurate_until_s)]
         if known:
             run = min(known, key=lambda c: c.finest_first)
-            r = run.record
+            r, until = run.record, run.record.accurate_until_s
             known_to = min(r.t_end_s, r.reference_horizon_s) if r.reference_horizon_s > 0.0 else r.t_end_s
             ends = [100.0 * min(getattr(r, name) / known_to, 1.0) for name in reversed(ACCURATE)]
             widths = [end - begin for begin, end in zip([0.0, *ends], ends, strict=False)]
             shades = tuple(zip(reversed(SHADES), widths, strict=True))
-            until = r.accurate_until_s
-            said = ", ".join(accurate_until(r))
-            out.append(Followed(run, until, at_least(r, until), shades, said, known_to))
+            whole = at_least(r, until) or until >= WHOLE * known_to
+            out.append(Followed(run, until, whole, shades, ", ".join(accurate_until(r)), known_to))
     return sorted(out, key=lambda f: (-f.until, f.run.record.solver))

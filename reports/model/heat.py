@@ -1,7 +1,7 @@
 """The first picture: solvers by problems, each at its finest settings, coloured by how near to a limit it comes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,14 +12,7 @@ from .variants import broadest, plain_runs, themselves
 from .words import Mark, mark, number, plural
 
 FEW = 0.5  # of the solvers: a variant that fewer ran is no column, or their counts would not compare
-RANKS = (
-    "good",
-    "inaccurate",
-    "failed",
-    "wrong",
-    "open",
-    "refused",
-)  # of endings, the best first; the last have no error
+RANKS = ("good", "inaccurate", "failed", "wrong", "open", "refused")  # of endings, best first; the last have no error
 LEAST = 1e-16  # margins below are equal
 
 
@@ -53,11 +46,15 @@ class Box:
         return number(self.margin.part, 2 if self.margin.part >= 0.1 else 1)
 
     @property
+    def why(self) -> str:
+        """Why it ended so, or how near to a limit."""
+        return self.run.reasons[0] if self.run.reasons else self.margin.words if self.margin else ""
+
+    @property
     def words(self) -> str:
-        """How it ended and how near to a limit."""
-        why = self.run.reasons[0] if self.run.reasons else self.margin.words if self.margin else ""
+        """How it ended and why."""
         words = f"{self.run.record.solver} on {self.run.variant}, {self.run.step_words}: {self.mark.word}"
-        return f"{words}: {why}" if why else words
+        return f"{words}: {self.why}" if self.why else words
 
     @property
     def order(self) -> tuple[int, float]:
@@ -101,9 +98,6 @@ class Heat:
     problems: tuple[Variant, ...]
     rows: tuple[Row, ...]
 
-    def column(self, k: int) -> list[Box]:
-        return [b for row in self.rows if (b := row.boxes[k]) is not None]
-
     @property
     def title(self) -> str:
         """Who stays within all limits, of those that ran every problem to their own end; of all where none did."""
@@ -117,18 +111,21 @@ class Heat:
         return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}{'' if ran else f' on {name}'}"
 
 
-def extremes(boxes: Sequence[Box]) -> list[Box]:
-    """The best and the worst; one where there is no other, none where all refused."""
-    ranked = sorted((b for b in boxes if b.mark.kind not in ("open", "refused")), key=lambda b: b.order)
-    return ranked if len(ranked) < 2 else [ranked[0], ranked[-1]]
+def rank(boxes: Iterable[Box]) -> list[Box]:
+    """The best first; without those that refused or did not finish here."""
+    return sorted((b for b in boxes if b.mark.kind not in ("open", "refused")), key=lambda b: b.order)
 
 
 def best_and_worst(boxes: Sequence[Box]) -> str:
     """Both with the error that is nearest to its limit."""
-    found = extremes(boxes)
-    if len(found) < 2:
-        return f"{found[0].words}." if found else "Every solver refused it."
-    return f"Best is {_describe_box(found[0])}. Worst is {_describe_box(found[1])}."
+    ranked = rank(boxes)
+    if len(ranked) < 2:
+        return f"{ranked[0].words}." if ranked else "Every solver refused it."
+    best, worst = (
+        f"{b.run.record.solver} ({b.run.step_words}): {'' if b.run.succeeded else b.mark.word + ', '}"
+        f"{b.why or 'no error is known'}" for b in (ranked[0], ranked[-1])
+    )  # fmt: skip
+    return f"Best is {best}. Worst is {worst}."
 
 
 def boxes_of(variant: Variant, label: str) -> list[Box]:
@@ -146,20 +143,11 @@ def heat(results: Results) -> Heat | None:
     runs = {(p.slug, s): run for p in themselves(results, label) for s in results.solvers
             if (run := finest(p, s, label)) is not None}  # fmt: skip
     solvers = [s for s in results.solvers if any(s == other for _, other in runs)]
-    problems = tuple(p for p in results.variants if _ran(runs, p, solvers) >= max(FEW * len(solvers), 1))
+    least = max(FEW * len(solvers), 1)
+    problems = tuple(p for p in results.variants if sum((p.slug, s) in runs for s in solvers) >= least)
     for p in problems:
         plain = by_solver(c for c in p.runs if not c.options)
         runs |= {(p.slug, s): min(own, key=lambda c: c.finest_first) for s, own in plain.items() if s not in solvers}
     solvers = [s for s in results.solvers if any((p.slug, s) in runs for p in problems)]
     rows = [Row(s, tuple(Box(runs[p.slug, s]) if (p.slug, s) in runs else None for p in problems)) for s in solvers]
     return Heat(problems, tuple(sorted(rows, key=lambda row: row.order))) if problems else None
-
-
-def _ran(runs: dict[tuple[str, str], Run], p: Variant, solvers: Sequence[str]) -> int:
-    return sum((p.slug, s) in runs for s in solvers)
-
-
-def _describe_box(b: Box) -> str:
-    why = b.run.reasons[0] if b.run.reasons else b.margin.words if b.margin else "no error is known"
-    ending = "" if b.run.succeeded else f"{b.mark.word}, "
-    return f"{b.run.record.solver} ({b.run.step_words}): {ending}{why}"

@@ -15,25 +15,22 @@ NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientat
 
 @dataclass(frozen=True)
 class Motion:
-    """A run and its curves; ``norms`` are largest magnitudes, ``observables`` values with their sign."""
+    """A run and those of its curves that have a point, by name.
+
+    Norms, invariants (``inv_``) and distances of observables from the reference (``away_``) are largest magnitudes,
+    observables (``obs_``) and references (``ref_``) have their sign, ``dt`` is a band.
+    """
 
     run: Run
     bodies: int = 0
-    norms: Mapping[str, Curve] = field(default_factory=dict)
-    invariants: Mapping[str, Curve] = field(default_factory=dict)
-    step: Curve | None = None
-    own_error: Curve | None = None  # stated by the reference
-    observables: Mapping[str, Curve] = field(default_factory=dict)
-    exact: Mapping[str, Curve] = field(default_factory=dict)
-    away: Mapping[str, Curve] = field(default_factory=dict)  # |observable - exact|
+    curves: Mapping[str, Curve] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)  # by full name, as in the series file
-    symbols: Mapping[str, str] = field(default_factory=dict)
     events: tuple[Mapping[str, Any], ...] = ()  # what the solver reported on its way
 
     @property
     def moved(self) -> bool:
         """It has at least one step to draw."""
-        return any(len(c) > 0 for c in self.norms.values())
+        return any(name in self.curves for name in NORMS)
 
 
 def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Motion:
@@ -42,15 +39,16 @@ def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Moti
         return Motion(run)
     t, t_end = series["t"], 0.0 if run.stopped else run.record.t_end_s  # who stopped is drawn up to there, as fine
     observables, exact = series.named("obs_"), series.named("ref_")
-    return Motion(
-        run, bodies_in(series), {n: upper(t, series[n], t_end, spans) for n in NORMS if n in series},
-        {n: upper(t, a, t_end, spans) for n, a in series.named("inv_").items()}, _steps(series, run, spans),
-        upper(t, series["reference_own_error"], t_end, spans) if "reference_own_error" in series else None,
-        {n: signed_curve(t, a, t_end, 3 * spans // 4) for n, a in observables.items()},
-        {n: signed_curve(t, a, t_end, 3 * spans // 4) for n, a in exact.items() if np.any(np.isfinite(a))},
-        {n: upper(t, a - exact[n], t_end, spans) for n, a in observables.items() if n in exact}, series.units,
-        series.symbols, series.events,
-    )  # fmt: skip
+    norms = {n: series[n] for n in (*NORMS, "reference_own_error") if n in series}
+    norms |= {f"inv_{n}": a for n, a in series.named("inv_").items()}
+    norms |= {f"away_{n}": a - exact[n] for n, a in observables.items() if n in exact}
+    signed = {f"obs_{n}": a for n, a in observables.items()} | {f"ref_{n}": a for n, a in exact.items()}
+    curves = {n: upper(t, a, t_end, spans) for n, a in norms.items()}
+    curves |= {n: signed_curve(t, a, t_end, 3 * spans // 4) for n, a in signed.items()}
+    if "dt" in series:
+        curves["dt"] = _steps(t, series["dt"], run.stopped, t_end, spans)
+    there = {n: c for n, c in curves.items() if len(c)}
+    return Motion(run, bodies_in(series), there, series.units, series.events)
 
 
 def bodies_in(series: Series) -> int:
@@ -58,14 +56,11 @@ def bodies_in(series: Series) -> int:
     return len(series.body_names) or (len(series["end_r"]) if "end_r" in series else 0)
 
 
-def _steps(series: Series, run: Run, spans: int) -> Curve | None:
-    if "dt" not in series:
-        return None
-    t, dt, t_end = series["t"], series["dt"], 0.0 if run.stopped else run.record.t_end_s
+def _steps(t: np.ndarray, dt: np.ndarray, stopped: bool, t_end: float, spans: int) -> Curve:
     if len(dt) < 3:
         return band(t, dt, t_end, spans)
     whole = band(t[:-1], dt[:-1], t_end, spans)  # the last step may be cut to end at t_end
-    if not run.stopped or whole.low is None or whole.high is None:
+    if not stopped or whole.low is None or whole.high is None:
         return whole
     last = [np.append(e, dt[-1]) for e in (whole.y, whole.low, whole.high)]  # of a failure it is the point
     return Curve(np.append(whole.t, t[-1]), *last)

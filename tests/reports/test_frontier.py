@@ -93,7 +93,7 @@ def test_the_page_names_the_cheapest_where_two_reach_an_error(tmp_path):
     assert "cheapest" not in (alone / "cost.html").read_text(encoding="utf-8").partition("</h1>")[0]
     ladder(tmp_path, "beta", 4.0, 2e-3)
     page = (site.build(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
-    assert page.count('<td class="n" data-v="2">') >= 2 and "alpha is cheapest on 1 of 1 variant" in page
+    assert page.count('<td class="n" data-v="2">') >= 2 and "alpha is cheapest on 1 of 1 problem" in page
 
 
 def test_a_presentation_has_no_frontier(tmp_path):
@@ -119,8 +119,8 @@ def test_bars_end_where_the_error_passes_or_the_reference_ends():
     ]  # fmt: skip
     beta, alpha, delta = list_followed(Variant("p", "p", tuple(runs)))
     assert [f.run.record.run_id for f in (beta, alpha, delta)] == ["b1", "a1", "d1"]
-    assert alpha.known == 4.0 and alpha.shades == (("tenth", 12.5), ("one", 12.5), ("ten", 25.0)) and not alpha.open
-    assert beta.shades == (("tenth", 50.0), ("one", 25.0), ("ten", 0.0)) and beta.open and not delta.open
+    assert alpha.known == 4.0 and alpha.shades == (("tenth", 12.5), ("one", 12.5), ("ten", 25.0)) and not alpha.whole
+    assert beta.shades == (("tenth", 50.0), ("one", 25.0), ("ten", 0.0)) and beta.whole and not delta.whole
     assert beta.words == "at least 3 s (10 %), at least 3 s (1 %), 2 s (0.1 %)"
     assert delta.words == "1 s (10 %), 1 s (1 %), 0.5 s (0.1 %)"
 

@@ -9,7 +9,7 @@ from ...mechanism.stage import stage
 from ...model.accuracy import margin, measure_for
 from ...model.catalogue import code_of_others
 from ...model.frontier import of_most_problems
-from ...model.heat import Heat, boxes_of
+from ...model.heat import Heat, boxes_of, rank
 from ...model.results import Results, Run, Variant, group_by
 from ...model.words import mark, number
 from ..base import Site
@@ -35,8 +35,7 @@ def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
 
 def roles_of(variant: Variant, label: str, site: Site) -> list[tuple[Run, str]]:
     """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
-    ended = (b for b in boxes_of(variant, label) if b.mark.kind not in ("open", "refused"))
-    best_first = [b.run for b in sorted(ended, key=lambda b: b.order)]
+    best_first = [b.run for b in rank(boxes_of(variant, label))]
     cheapest = _cheapest_first(variant, site) or best_first
     paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.succeeded),
                    key=lambda c: len(c.record.paper_label))  # fmt: skip

@@ -42,13 +42,13 @@ def test_a_long_step_is_filled_with_the_exact_motion_and_the_runs_own_error(off,
 def test_where_the_error_is_large_a_long_gap_is_unknown():
     """Two radians off: nobody can tell how the run turned between; a short gap is none, whatever the error."""
     exact, stored = spin(np.linspace(0.0, T_END, 400)), np.array([0.0, 2.0, 11.0, 11.1, T_END])
-    poses, added, unknown = fill(spin(stored, 20.0), exact, 1.0)
+    _, added, unknown = fill(spin(stored, 20.0), exact, 1.0)
     assert unknown == ((0.0, 2.0), (2.0, 11.0), (11.1, T_END)) and added == 0
 
 
 def test_poses_that_are_near_stay_as_they_are():
     t = np.linspace(0.0, T_END, 2000)
-    poses, added, unknown = fill(spin(t, 0.2), spin(t[::5]), 1.0)
+    _, added, unknown = fill(spin(t, 0.2), spin(t[::5]), 1.0)
     assert added == 0 and not unknown
 
 
