@@ -49,11 +49,6 @@ class Frontier:
     refused: tuple[Run, ...]
 
     @property
-    def next_factor(self) -> float:
-        """CPU of the second over that of the first."""
-        return self.places[1].factor
-
-    @property
     def is_led_by_engine(self) -> bool:
         """Whether the cheapest is other people's code."""
         return is_engine(self.places[0].run.record.solver)
@@ -64,12 +59,8 @@ def frontiers(results: Results) -> list[Frontier]:
     out = []
     for variant in results.variants:
         measure = measure_for(variant.runs)
-        if measure is None or presentation(variant):
-            continue
-        for target in TARGETS:
-            found = _frontier(variant, measure, target)
-            if len(found.places) >= LEAST:
-                out.append(found)
+        if measure is not None and not presentation(variant):
+            out += [f for target in TARGETS if len((f := _frontier(variant, measure, target)).places) >= LEAST]
     return out
 
 
@@ -94,9 +85,8 @@ def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
 
 
 def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
-    by_solver = group_by(variant.runs, lambda c: c.record.solver)
     best, missed, refused = list[Place](), list[str](), list[Run]()
-    for solver, own in by_solver.items():
+    for solver, own in by_solver(variant.runs).items():
         reaches = [r for same in group_by(own, lambda c: c.method).values() if (r := reach(same, measure, target))]
         if reaches:
             best.append(min(reaches, key=lambda r: r.cpu_s))
@@ -141,11 +131,10 @@ def length(value: float, unit: str) -> str:
 def costs(results: Results, found: Sequence[Frontier], url: Callable[[Run], str]) -> list[dict[str, Any]]:
     """Costs of every problem in ``found``, at the errors that at least two solvers reach."""
     variants = {p.title: p for p in results.variants}
-    return [_of(variants[title], own, url)
-            for title, own in group_by(found, lambda f: f.variant).items()]  # fmt: skip
+    return [_costs(variants[title], own, url) for title, own in group_by(found, lambda f: f.variant).items()]
 
 
-def _of(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str]) -> dict[str, Any]:
+def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str]) -> dict[str, Any]:
     measure = measure_for(variant.runs)
     unit = found[0].unit
     targets = [f.target for f in found]

@@ -16,7 +16,8 @@ from ...harness.results.naming import format_name, text_of
 from ...harness.results.provenance import stamp_of
 from ...harness.results.provisional import latest_of_each
 from ...harness.results.records import RunRecord
-from ...harness.results.series import Series, check_series
+from ...harness.results.series import Series
+from ...harness.results.series import check_series as check_series_file
 from ...harness.results.shadows import Nearest, nearest_of, read_nearest
 from ...harness.results.words import why
 from ...harness.types import Status
@@ -186,8 +187,13 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     Unchecked series are checked when taken.
     """
     loaded = store.load(folder, check_series=False)
-    records = loaded.records if check_series else ()
-    faults = {r.run_id: why for r in records if (why := _series_fault(folder, r))}
+    faults = {}
+    for r in loaded.records if check_series else ():
+        try:  # its arrays stay packed: pages unpack those they draw
+            if r.series:
+                check_series_file(folder / r.series, r.series_sha256)
+        except FileError as error:
+            faults[r.run_id] = f"its series file {r.series}: {error}"
     sound = [r for r in loaded.records if r.run_id not in faults]
     shown = {r.settings_id: r for r in latest_of_each(sound)}
     later = sum(r.finished > shown[r.settings_id].finished for r in sound)
@@ -197,17 +203,6 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
     earlier = len(sound) - len(shown) - later
     return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad), earlier, later)
-
-
-def _series_fault(folder: Path, record: RunRecord) -> str:
-    """Why the run's series file is not the recorded one; its arrays stay packed: pages unpack those they draw."""
-    if not record.series:
-        return ""
-    try:
-        check_series(folder / record.series, record.series_sha256)
-    except FileError as error:
-        return f"its series file {record.series}: {error}"
-    return ""
 
 
 def group_by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:

@@ -109,17 +109,14 @@ class Site:
         self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
         return page
 
-    def data(self, name: str, value: Any) -> str:
+    def data(self, name: str, value: Any, form: Callable[[str, Any], str] = script) -> str:
         """Write ``data/<name>.js``; returns its path, for ``scripts``."""
-        return self._written(name, script(name, value))
+        (self.folder / "data" / f"{name}.js").write(form(name, value), durable=False)
+        return f"data/{name}.js"
 
     def bundle(self, name: str, value: Any) -> str:
         """The same deflated, for ``MBS.unpack``; arrays are for ``MBS.numbers``."""
-        return self._written(name, bundle(name, value))
-
-    def _written(self, name: str, text: str) -> str:
-        (self.folder / "data" / f"{name}.js").write(text, durable=False)
-        return f"data/{name}.js"
+        return self.data(name, value, bundle)
 
     def url(self, about: Run | Variant | str) -> str:
         """The page of a run, of a variant, or of a solver, from the report folder."""
@@ -128,11 +125,6 @@ class Site:
         if isinstance(about, Variant):
             return f"problem-{about.slug}.html"
         return self._solver_urls[about]
-
-    @property
-    def figures(self) -> Place:
-        """Where figures that are files go."""
-        return self.folder / "figures"
 
     @cached_property
     def frontiers(self) -> list[Frontier]:
@@ -166,15 +158,14 @@ class Site:
     def _environment(self) -> Environment:
         environment = Environment(loader=FileSystemLoader(FOLDER / "templates"), autoescape=True,
                                   undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
-        slugs = {p.title: p.slug for p in self.results.variants}
+        results, slugs = self.results, {p.title: p.slug for p in self.results.variants}
         related = group_by(self.pages(), lambda p: p.about)
         environment.globals.update({k: f for k, f in vars(words).items() if isfunction(f)})
         environment.globals.update(
-            results=self.results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
-            run_title=self.results.environment.get("results_folder") or self.results.folder.name,
-            stamp=stamp(self.results), facts=facts(self.results), cautions=cautions(self.results),
-            packages=packages(self.results), nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score,
-            slug_of=lambda run: slugs[run.variant], term=term,
+            results=results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
+            run_title=results.environment.get("results_folder") or results.folder.name, stamp=stamp(results),
+            facts=facts(results), cautions=cautions(results), packages=packages(results), nan=float("nan"), num=_num,
+            energy_kind=energy_kind, score_of=score, slug_of=lambda run: slugs[run.variant], term=term,
             related=lambda about: related.get(about, []), families=families(self.looks),
         )  # fmt: skip
         return environment

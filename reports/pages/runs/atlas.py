@@ -15,7 +15,7 @@ from ....harness.results.words import law_of
 from ....harness.types import Status
 from ...model.results import Results, Run, by_solver, group_by
 from ...model.scores import Score, score
-from ...model.words import number, plural
+from ...model.words import claim_success, number, plural
 from ...plots.palette import Look
 from ..base import Page, Site
 from ..svg import panel
@@ -99,8 +99,7 @@ def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
 def title(all_of: Score) -> str:
     """How many stopped, and how many claim success without reason."""
     wrong = all_of.wrong
-    say = "reports success and is" if wrong == 1 else "report success and are"
-    return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {say} wrong"
+    return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {claim_success(wrong)}"
 
 
 def autopsy(run: Run, series: Series | None) -> tuple[str, list[str]]:

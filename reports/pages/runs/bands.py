@@ -13,7 +13,7 @@ from ...model.accuracy import list_followed, margin
 from ...model.catalogue import code_of_others, is_engine
 from ...model.heat import Heat
 from ...model.results import Results, Run, group_by, read_results
-from ...model.words import join_words, number, plural, time
+from ...model.words import claim_success, join_words, number, plural, time
 from ...plots.palette import Look
 from ..judged.claims import Shown, claims_of, counts
 from ..judgement import JUDGE, links_of, read_judged_or_published, read_or_why
@@ -42,8 +42,7 @@ def false_successes(results: Results, label: str) -> tuple[list[dict[str, Any]],
 
 def wrong_title(cards: Sequence[Mapping[str, Any]], wrong: int) -> str:
     """How many runs, and which code of others is among them, here or as published."""
-    verbs = "reports success and is" if wrong == 1 else "report success and are"
-    said = f"{plural(wrong, 'run')} {verbs} wrong"
+    said = f"{plural(wrong, 'run')} {claim_success(wrong)}"
     here, elsewhere = (list(dict.fromkeys(c["code"] for c in cards if c["code"] and c["published"] is p))
                        for p in (False, True))  # fmt: skip
     by = f", among them {join_words(here)} at some settings" if here else ""

@@ -11,7 +11,7 @@ from ...model.heat import Box, Heat, heat
 from ...model.results import Results
 from ...model.scores import unpredictable
 from ...model.variants import broadest, mechanisms
-from ...model.words import number, plural, seconds
+from ...model.words import number, seconds
 from ...plots.browser import Steps
 from ...plots.spec import Plot
 from ..base import Page, Site
@@ -45,18 +45,9 @@ def write(results: Results, site: Site) -> Page | None:
         heat=picture, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races, first=first,
         target=target, stages=stages, panels_title=panels_title(of_most_problems(found)), cards=cards,
         wrong_title=wrong_title(cards, wrong),
-        strips=follow, strips_title=strips_title(follow), verdicts=verdicts(results), lead=lead(results),
+        strips=follow, strips_title=strips_title(follow), verdicts=verdicts(results), mechanisms=mechanisms(results),
         door=max(site.cards.values(), key=lambda c: (len(c["facts"]), c["solver"]), default=None),
     )  # fmt: skip
-
-
-def lead(results: Results) -> str:
-    """Counts of runs, and how many claim success without reason."""
-    ran = [c for c in results.runs if not c.unfinished and c.status != "refused"]
-    wrong = sum(c.status == "wrong" for c in ran)
-    said = f"{plural(len(results.solvers), 'solver')} on {mechanisms(results)}: "
-    one = "reports success and is" if wrong == 1 else "report success and are"
-    return f"{said}{wrong} of {plural(len(ran), 'run')} {one} wrong."
 
 
 def panels_title(found: Sequence[Frontier]) -> str:
