@@ -62,8 +62,8 @@ def draw_results(folder: Path, out: Path) -> None:
     variant = next((v for v in results.variants if v.title == PROBLEM), None)
     if variant is None:
         raise SystemExit(f"error: {folder} holds no runs of the chain: make engines bench")
-    energy = next(p for p in figures_of(results, variant) if p.name == ENERGY)
-    (path,) = save(energy.draw, Place(out), PROBLEM, ("svg",))
+    draw = next(draw for name, _, _, draw in figures_of(results, variant) if name == ENERGY)
+    (path,) = save(draw, Place(out), PROBLEM, ("svg",))
     code = digest(r.record.code for r in results.runs)
     for place, text in ((path, path.read_text(encoding="utf-8")), (out / f"{COSTS}.svg", draw_costs(results))):
         place.write_text(f"{text}<!-- code of its runs: {code} -->\n", encoding="utf-8")

@@ -15,7 +15,7 @@ from .tried import draw_chart, write_file
 def write_page(path: Path, rows: Sequence[Row]) -> None:
     """Write ``path``: the table of ``rows``, and error against CPU time."""
     chart = draw_chart("", [_plot(rows)], looks(r.solver for r in rows), columns=1)
-    write_file(path, "ladder.html", rows=rows, target=TARGET, image=chart.image, seconds=show_seconds)
+    write_file(path, "ladder.html", rows=rows, target=TARGET, image=chart["image"], seconds=show_seconds)
 
 
 def _plot(rows: Sequence[Row]) -> Plot:

@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -43,14 +43,7 @@ WORK = (
 )
 
 
-@dataclass(frozen=True)
-class Printed:
-    """A figure to be written: ``name`` of its files, what it shows, how wide it is [in]."""
-
-    name: str
-    caption: str
-    width: float
-    draw: Callable[[], Figure]
+Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, what is shown, width [in], how it is drawn
 
 
 def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
@@ -62,20 +55,21 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
     if unknown:
         raise ValueError(f"no problem {unknown[0]!r} in these results; there are {', '.join(sorted(known))}")
     variants = [p for p in results.variants if p.title in only or p.problem in {*only} - titles or not only]
-    out, captions, files = Place(Path(folder)) / FOLDER, [], []
+    out, captions, files = Place(Path(folder)) / FOLDER, list[dict[str, Any]](), list[Path]()
+
+    def keep(printed: Printed, place: Place, problem: str = "") -> None:
+        name, caption, width, draw = printed
+        made = save(draw, place, name, SUFFIXES)
+        files.extend(made)
+        captions.append({"name": name, "caption": caption, "problem": problem, "width_mm": round(width * 25.4, 1),
+                         "files": [p.relative_to(out.path).as_posix() for p in made]})  # fmt: skip
+
     if picture := heat(results):
-        files += save(partial(heat_figure, picture), out, OVERVIEW, SUFFIXES)
-        captions.append({"name": OVERVIEW, "caption": HEAT,
-                         "problem": "", "width_mm": round(DOUBLE * 25.4, 1),
-                         "files": [f"{OVERVIEW}.{suffix}" for suffix in SUFFIXES]})  # fmt: skip
+        keep((OVERVIEW, HEAT, DOUBLE, partial(heat_figure, picture)), out)
     for variant in variants:
         files += write_tables([variant], out / variant.slug, rounded=True)
         for printed in figures_of(results, variant):
-            made = save(printed.draw, out / variant.slug, printed.name, SUFFIXES)
-            files += made
-            captions.append({"name": printed.name, "caption": printed.caption, "problem": variant.title,
-                             "width_mm": round(printed.width * 25.4, 1),
-                             "files": [f"{variant.slug}/{p.name}" for p in made]})  # fmt: skip
+            keep(printed, out / variant.slug, variant.title)
         maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
         left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
         tell(f"{variant.title}: {len(variant.runs)} runs{left}")
@@ -89,14 +83,10 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
 def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
     """Work against error of all runs; then of every label the laws, each alone and together."""
     own = looks(results.solvers)
-    work = (
-        list(work_plots("work", list_points(variant), measure_for(variant.runs)).values())
-        if len(variant.runs) >= LEAST
-        else []
-    )
+    work = work_plots("work", list_points(variant), measure_for(variant.runs)) if len(variant.runs) >= LEAST else {}
     if work:
-        yield Printed(f"{variant.slug}-work", f"{variant.title}: work against error. {WORK}", DOUBLE,
-                      partial(figure, work, own, height=2.3))  # fmt: skip
+        yield (f"{variant.slug}-work", f"{variant.title}: work against error. {WORK}", DOUBLE,
+               partial(figure, list(work.values()), own, height=2.3))  # fmt: skip
     taken: set[str] = set()
     for label, runs in variant.labels().items():
         if len(runs) > MAP:
@@ -115,10 +105,10 @@ def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
             for name, panels in ALONE.items():
                 shown = [plots[k] for k in panels if k in plots]
                 if shown:
-                    yield Printed(f"{base}-{name}", _caption(title, shown), SINGLE, partial(draw, shown, columns=1))
+                    yield f"{base}-{name}", _caption(title, shown), SINGLE, partial(draw, shown, columns=1)
             if plots:
                 shown = list(plots.values())
-                yield Printed(f"{base}-laws", _caption(title, shown), DOUBLE, partial(draw, shown))
+                yield f"{base}-laws", _caption(title, shown), DOUBLE, partial(draw, shown)
 
 
 def _caption(title: str, plots: Sequence[Plot]) -> str:

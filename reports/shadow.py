@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -42,10 +41,8 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
         draw_chart("Paths of centres of mass: computed, and true (dashed).", [paths], looks),
     ]
     stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
-    card = SimpleNamespace(facts=())
     summary = nearest_of(s, None).words or found[0].measured.text
-    write_file(path, "tried.html", title=title, summary=summary, findings=found, charts=charts,
-               card=card, stamp=stamp)  # fmt: skip
+    write_file(path, "tried.html", title=title, summary=summary, findings=found, charts=charts, stamp=stamp)
 
 
 def _spread(n: int, most: int) -> list[int]:

@@ -4,7 +4,7 @@ import base64
 import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,31 +34,18 @@ TEMPLATES = Path(__file__).parent / "templates"
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 
 
-@dataclass(frozen=True)
-class Chart:
-    """A figure with its caption, as the address of an image that the page contains."""
+def write_page(
+    path: Path, folder: Path, solver: str, summary: str, findings: Sequence[Finding], orders: Sequence[Order]
+) -> None:
+    """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error.
 
-    caption: str
-    image: str
-
-
-@dataclass(frozen=True)
-class Tried:
-    """The findings of ``try``, how many are met in words, and the orders behind them."""
-
-    solver: str
-    summary: str
-    findings: Sequence[Finding]
-    orders: Sequence[Order]
-
-
-def write_page(path: Path, folder: Path, found: Tried) -> None:
-    """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error."""
+    ``summary`` says in words how many of the findings are met.
+    """
     results = read_results(folder, check_series=False)
-    charts = list(_charts(results, found.orders))
     follow = [f for variant in results.variants for f in list_followed(variant)]
-    card = card_of(found.solver, found.orders, (), follow, of_most_problems(frontiers(results)))
-    write_file(path, "tried.html", **vars(found), card=card, charts=charts, stamp=stamp(results))
+    card = card_of(solver, orders, (), follow, of_most_problems(frontiers(results)))
+    write_file(path, "tried.html", solver=solver, summary=summary, findings=findings, card=card,
+               charts=list(_charts(results, orders)), stamp=stamp(results))  # fmt: skip
 
 
 def write_file(path: Path, template: str, **values: Any) -> None:
@@ -71,7 +58,7 @@ def render_file(template: str, **values: Any) -> str:
     return Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template(template).render(**values)
 
 
-def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
+def _charts(results: Results, orders: Sequence[Order]) -> Iterator[dict[str, str]]:
     chart = partial(draw_chart, looks=looks(results.solvers))
     for title, ladder in group_by(orders, lambda o: o.variant).items():
         if plots := _orders(ladder):
@@ -104,9 +91,10 @@ def _orders(orders: Sequence[Order]) -> list[Plot]:
     return plots
 
 
-def draw_chart(caption: str, plots: Sequence[Plot], looks: Mapping[str, Look], columns: int = 2) -> Chart:
-    """Plots as one image."""
+def draw_chart(caption: str, plots: Sequence[Plot], looks: Mapping[str, Look], columns: int = 2) -> dict[str, str]:
+    """Plots as one image, whose address holds it."""
     with tempfile.TemporaryDirectory() as place:
         draw = partial(figure, plots, looks, columns=columns)
         (file,) = save(draw, Place(Path(place)), "chart", ("svg",))
-        return Chart(caption, "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode())
+        image = "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()
+        return {"caption": caption, "image": image}
