@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.model.shipped import TARGET, Contest, contests, describe_budget
+from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget
 
 HERE = Path(__file__).resolve().parent
 PAGE, PUBLISHED = HERE / "engines.md", HERE.parent / "results" / "published" / "engines" / "contests.json"

@@ -41,8 +41,6 @@ WORK = (
     "early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie on the "
     "dotted line."
 )
-
-
 Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, what is shown, width [in], how it is drawn
 
 

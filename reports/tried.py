@@ -21,7 +21,7 @@ from .model.motion import motion_of
 from .model.provenance import stamp
 from .model.results import Results, group_by, read_results
 from .pages.judged.orders import by_case, fit_of, ladders
-from .pages.runs.card import card_of
+from .pages.runs.solvers import card_of
 from .plots.laws import Drawing, laws
 from .plots.lines import all_lines, shared_options
 from .plots.palette import Look, looks

@@ -5,7 +5,7 @@ A module of a folder in ``reports/pages/`` that has a function ::
     def write(run: Run, site: Site) -> Page | None
 
 is found and called once (``RANK`` of the module, 0 without one, puts it later). It computes from the results and their
-judgements (``judgement.read_judged``), then hands its page over; None when a run has nothing for it ::
+judgements (``read_judged``), then hands its page over; None when a run has nothing for it ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
@@ -35,12 +35,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from inspect import isfunction
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from ...harness.files import FileError
 from ...harness.places import Place
+from ...harness.results.judgements import files
+from ...harness.results.judgements.files import PUBLISHED, File, read_judgement
 from ..model import words
 from ..model.accuracy import energy_kind
 from ..model.frontier import Frontier, frontiers
@@ -51,12 +54,13 @@ from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
 from ..plots.palette import Look, families, looks
 from ..plots.spec import Plot
-from .judgement import page_of
 
 SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
 ASSETS = FOLDER / "assets"
 PLOTTING = ("assets/plots.js",)
+JUDGE = "mbsbench judge"
+T = TypeVar("T")
 
 
 def copy_assets(folder: Place, names: Sequence[str]) -> None:
@@ -184,3 +188,65 @@ def writers() -> Iterator[tuple[str, Callable[[Results, Site], Page | None]]]:
     for module in sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__)):
         if hasattr(module, "write"):
             yield module.__name__, module.write
+
+
+@dataclass(frozen=True)
+class Judged(Generic[T]):
+    """The content of one file, or why there is none; ``published``: why it is that of other results."""
+
+    found: T | None = None
+    why: str = ""
+    published: str = ""
+
+
+def read_judged_or_published(results: Path, file: File[T], published: Place = PUBLISHED) -> Judged[T]:
+    """The same; where these results have no judgement, or allow none, that of the published ones."""
+    own = read_judged(results, file)
+    broken = own.found is None and (Place(results) / files.FOLDER / f"{file.name}.json").is_there()
+    if own.found or broken:
+        return own
+    kept = read_or_why(published, file, f"{JUDGE} --publish")
+    why = own.why or "These results hold no runs to judge it from."
+    return Judged(kept.found, published=why) if kept.found else own
+
+
+def read_judged(results: Path, file: File[T]) -> Judged[T]:
+    """``judgement/<name>.json`` of a results folder."""
+    return read_or_why(Place(results) / files.FOLDER, file, f"{JUDGE} {results.name}")
+
+
+def read_or_why(folder: Place, file: File[T], command: str) -> Judged[T]:
+    """The judgement in ``folder``; ``command`` makes it."""
+    try:
+        return Judged(read_judgement(file, folder))
+    except FileNotFoundError:
+        return Judged(why=f"There is no {folder.name}/{file.name}.json yet. To make it: {command}")
+    except FileError as error:
+        return Judged(why=f"{error}. To make it anew: {command}")
+
+
+@dataclass(frozen=True)
+class Links:
+    """Runs by their settings_id."""
+
+    runs: Mapping[str, Run]
+
+    def words(self, key: str) -> str:
+        """The settings in words; a run that is not here keeps the head of its settings_id."""
+        run = self.runs.get(key)
+        return run.record.case if run else f"{key[:12]} (not in these results)"
+
+    def page(self, key: str) -> str:
+        """The address of its page, as seen from a page of the report; empty for a run that is not here."""
+        run = self.runs.get(key)
+        return page_of(run) if run else ""
+
+
+def links_of(runs: Sequence[Run]) -> Links:
+    """Links to the runs of these results."""
+    return Links({c.record.settings_id: c for c in runs})
+
+
+def page_of(run: Run) -> str:
+    """The address of a run's page."""
+    return f"runs/{run.record.run_id}.html"

@@ -17,8 +17,7 @@ from ..plots.spec import Plot, Trace
 from ..plots.style import DOUBLE, MUTED, SINGLE, SUFFIXES, plain, save, sheet
 from .captions import FOLDER, Caption, caption, write
 from .catalogue import FIGURES, Panel, PaperFigure, Sketch
-from .lines import plot_of, records_of
-from .picking import Asked, Line, choose
+from .lines import Asked, Line, choose, plot_of, records_of
 from .sketch import draw_sketch
 
 COLUMNS = 12

@@ -13,14 +13,15 @@ from ...harness.files import LARGEST, FileError, to_json
 from ...harness.places import NotOwn, Place
 from ...harness.results.judgements import files
 from ...harness.results.judgements.claims import Claim
-from ..model import claim_words, curves
+from ..model import claim_words
+from ..model.motion import SPANS_SIGNED, SPANS_UPPER
 from .catalogue import PRINTED, Panel, PaperFigure
-from .picking import Line
+from .lines import Line
 
 FOLDER, FILE = "paper", "captions.json"
 SPANS = (
-    f"Lines pass through the smallest and largest value in each of {curves.SPANS_SIGNED} intervals of time, norms on "
-    f"logarithmic axes through the largest in each of {curves.SPANS_UPPER}."
+    f"Lines pass through the smallest and largest value in each of {SPANS_SIGNED} intervals of time, norms on "
+    f"logarithmic axes through the largest in each of {SPANS_UPPER}."
 )
 NUMBERS = (
     "t_reached_s", "t_end_s", "steps", "energy_start_J", "energy_drift_max_J", "energy_drift_end_J", "phi_max",

@@ -9,8 +9,7 @@ import numpy as np
 from ...harness.results.records import RunRecord
 from ...harness.types import ALLOWED, Law, Status
 from ..model.accuracy import judged_until
-from ..model.curves import SPANS_UPPER, Curve, log_limits, span
-from ..model.motion import Motion
+from ..model.motion import SPANS_UPPER, Curve, Motion, log_limits, span
 from ..model.results import Run
 from ..model.words import number, time, unit
 from .lines import Line, traces

@@ -12,8 +12,6 @@ from ...model.results import Run
 
 EVENTS = 200  # of a run; the first ones; the page says that there are more
 SPANS = 1200  # a strip is about 500 pixels wide, and can be stretched
-
-
 STRIPS: Sequence[Mapping[str, Any]] = (  # ``signed``: it has a sign, ``both``: its smallest values matter too
     {"name": "energy_error", "symbol": "E − E₀", "unit": "J", "signed": True, "both": True},
     {"name": "position_error", "symbol": "|r − r exact|", "unit": "m", "signed": False, "both": False},

@@ -10,13 +10,12 @@ from ....harness.results.comparison import Comparison, Likeness, compare, is_rep
 from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.provenance import find_differences, stamp_of
 from ....harness.results.records import RunRecord
-from ...model.curves import upper
+from ...model.motion import upper
 from ...model.provenance import facts
 from ...model.results import Results, Run, group_by, read_results, slug
 from ...model.words import join_words, plural
 from ...plots.spec import Axis, Plot, Trace
-from ..base import Page, Site, copy_assets
-from ..judgement import links_of, page_of, read_judged
+from ..base import Page, Site, copy_assets, links_of, page_of, read_judged
 from . import ranking
 from .ranking import Rank, Ranked
 

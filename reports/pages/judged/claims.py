@@ -14,8 +14,7 @@ from ...model import claim_words
 from ...model.claim_words import setting
 from ...model.results import Results, group_by, natural, slug
 from ...model.words import Mark, mark, number, unit
-from ..base import Page, Site
-from ..judgement import JUDGE, Links, links_of, read_judged_or_published, read_or_why
+from ..base import JUDGE, Links, Page, Site, links_of, read_judged_or_published, read_or_why
 from ..svg import number_line
 
 AXES = ("tolerance", "gain")  # other dimensions make facets

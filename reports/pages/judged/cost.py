@@ -14,8 +14,7 @@ from ...model.words import decade, mark, plural
 from ...plots.growth import growth, growths_of
 from ...plots.spec import Plot
 from ...plots.work import ERRORS, WORKS, list_points, profile_plot, work_plots
-from ..base import Page, Site
-from ..judgement import page_of, read_judged
+from ..base import Page, Site, page_of, read_judged
 
 FEW = ("index1", "evaluations", "cpu")  # works that energy and joints are drawn over
 WORKED = "CPU time of the integration alone, on one machine: read the ratios, not the times."

@@ -15,8 +15,8 @@ from ...model.heat import Heat
 from ...model.results import Results, Run, group_by, read_results
 from ...model.words import claim_success, join_words, number, plural, time
 from ...plots.palette import Look
+from ..base import JUDGE, links_of, read_judged_or_published, read_or_why
 from ..judged.claims import Shown, claims_of, counts
-from ..judgement import JUDGE, links_of, read_judged_or_published, read_or_why
 from ..svg import snapshot, ticks_on
 
 CARDS = 6

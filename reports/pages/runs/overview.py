@@ -5,12 +5,11 @@ from typing import Any
 
 from ....harness.results.reproduce import write_command
 from ...model.accuracy import LEVELS, Measure, measure_for
-from ...model.curves import upper
 from ...model.frontier import Frontier, broad, costs, default_target, of_most_problems
 from ...model.heat import Box, Heat, heat
+from ...model.motion import upper
 from ...model.results import Results
-from ...model.scores import unpredictable
-from ...model.variants import broadest, mechanisms
+from ...model.scores import broadest, mechanisms, unpredictable
 from ...model.words import number, seconds
 from ...plots.browser import Steps
 from ...plots.spec import Plot

@@ -12,20 +12,17 @@ from ....harness.results.records import judged_own
 from ...mechanism.segments import flat, mechanism_of, view_of
 from ...model.accuracy import judged_until, list_followed, measure_for
 from ...model.catalogue import about_problem, why_hard
-from ...model.curves import SPANS_UPPER
 from ...model.heat import best_and_worst, boxes_of
-from ...model.motion import Motion, motion_of
+from ...model.motion import SPANS_UPPER, Motion, motion_of
 from ...model.results import Results, Run, Variant
-from ...model.scores import unpredictable
-from ...model.variants import broadest, groups_of, mechanisms, themselves, variant_groups
+from ...model.scores import broadest, groups_of, mechanisms, themselves, unpredictable, variant_groups
 from ...model.words import number, plural, time, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of
 from ...plots.palette import choose_focus
 from ...plots.work import work_chapter
-from ..base import Page, Site
+from ..base import Page, Site, read_judged
 from ..judged.orders import describe_drift
-from ..judgement import read_judged
 from ..svg import sketch
 from .scenes import scene_of
 

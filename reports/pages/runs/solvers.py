@@ -1,34 +1,28 @@
 """The list of solvers, and a page for each: its method, its certificate card, its costs, where it fails and why."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
+from ....harness.results.judgements.runs import Drift, Order
 from ....harness.results.words import words_of
-from ...model.accuracy import list_followed
+from ...model.accuracy import Followed, list_followed
 from ...model.catalogue import about_solver
-from ...model.frontier import broad, of_most_problems
+from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import heat
 from ...model.results import Results, Run, by_solver, group_by, natural, text_of
-from ...model.scores import Score, score, standings
-from ...model.variants import broadest, groups_of, themselves
-from ..base import Page, Site
-from ..judged.orders import (
-    MARKS,
-    by_case,
-    describe_drift,
-    describe_order,
-    describe_symmetry,
-    ladders,
-    tally,
-    verdict_mark,
-)
-from ..judgement import links_of, read_judged_or_published
-from .card import QUANTITY, card_of
+from ...model.scores import Score, broadest, groups_of, score, standings, themselves
+from ...model.words import decade, number, plural, time
+from ..base import Page, Site, links_of, read_judged_or_published
+from ..judged import orders as judging
+from ..svg import badge
 
 CHIPS = 8  # runs named in a row; the problem's page has all
 DRAWN = 6  # ladders of a solver that are drawn
 FILES: tuple[File[Any], ...] = (ORDERS, DRIFTS, SYMMETRIES, WRONG)  # judgements beyond one run, of all solvers
+QUANTITY = "position"  # whose order stands for a solver
+Fact = tuple[str, str, str, str]  # a line: its name and value, the value on the badge, the kind of mark that colours it
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -42,16 +36,16 @@ def write(results: Results, site: Site) -> Page | None:
     loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
     for name, runs in by_solver(results.runs).items():
         orders, drifts, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
-        certified = by_case(orders)
-        drawn = ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
+        certified = judging.by_case(orders)
+        drawn = judging.ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
         card = site.cards[name] = card_of(name, orders, drifts, follow, costs)
-        badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
-        (site.folder / badge).write(card["badge"], durable=False)
+        image = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
+        (site.folder / image).write(card["badge"], durable=False)
         work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
                 for group, own in groups_of(p, label).items()]  # fmt: skip
         site.write(
-            Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
+            Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=image, about=about_solver(name),
             scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
             runs=runs, score=score(runs), most=CHIPS, options=_options(runs), reasons=_reasons(runs),
             paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})),
@@ -59,10 +53,10 @@ def write(results: Results, site: Site) -> Page | None:
             rows=[row for row in rows if row[2] and row[0].title in plain],
             apart=[row for row in rows if row[2] and row[0].title not in plain],
             links=links, whys=[(j.why, j.published) for j in judged], certificates=certified,
-            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))), verdict_mark=verdict_mark,
-            checks={title: (own, *tally(own)) for title, own in group_by(symmetries, lambda s: s.title).items()},
-            marks_of=MARKS, describe_order=describe_order, describe_drift=describe_drift,
-            describe_symmetry=describe_symmetry, wrong=wrong, reason_words=words_of,
+            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))), verdict_mark=judging.verdict_mark,
+            checks={title: (own, *judging.tally(own)) for title, own in group_by(symmetries, lambda s: s.title).items()},
+            marks_of=judging.MARKS, describe_order=judging.describe_order, describe_drift=judging.describe_drift,
+            describe_symmetry=judging.describe_symmetry, wrong=wrong, reason_words=words_of,
         )  # fmt: skip
     return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html",
                       standings=standings(results), label=label, loud=loud, about=about_solver)  # fmt: skip
@@ -82,3 +76,67 @@ def _reasons(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
     """Runs that did not succeed, grouped by how they ended; the most frequent ending first."""
     found = group_by((c for c in runs if not c.succeeded), lambda c: c.status)
     return sorted(found.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))
+
+
+def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], followed: Sequence[Followed],
+            costs: Sequence[Frontier]) -> dict[str, Any]:  # fmt: skip
+    """Facts about a solver at its default options, and the same as a badge; a line without a fact is left out."""
+    found = (
+        _order(solver, orders),
+        _energy(solver, drifts),
+        _shortest_followed(solver, followed),
+        _cost(solver, costs),
+    )
+    facts = [f for f in found if f is not None]
+    drawn = badge(solver, [(name, short, kind) for name, _, short, kind in facts])
+    return {"solver": solver, "facts": facts, "badge": drawn}
+
+
+def _order(solver: str, orders: Sequence[Order]) -> Fact | None:
+    """Order of fixed steps at default options: the narrowest interval, and how many problems agree on the verdict."""
+    own = [o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY) and math.isfinite(o.low)]
+    if not own:
+        return None
+    best = min(own, key=lambda o: (o.against != "dt", o.verdict != "certified", o.high - o.low))
+    alike = sum(o.verdict == best.verdict for o in own)
+    value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f})"
+    on = f"{best.verdict} on {alike} of {plural(len(own), 'problem')}"
+    declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
+    return "order", f"{value}{declared}; {on}", f"{best.order:.2f}", judging.verdict_mark(best.verdict).kind
+
+
+def _energy(solver: str, drifts: Sequence[Drift]) -> Fact | None:
+    """Energy drift of the longest run at default options."""
+    own = [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]
+    if not own:
+        return None
+    d = max(own, key=lambda d: (d.periods, d.variant))
+    words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
+    over = f"over {plural(d.periods, 'period')}"
+    moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
+    return "energy", f"{words} {over} of {d.problem}{moved}", f"{words} {over}", judging.verdict_mark(d.verdict).kind
+
+
+def _shortest_followed(solver: str, followed: Sequence[Followed]) -> Fact | None:
+    """The problem on which the smallest part of the known motion is followed."""
+    own = [f for f in followed if f.run.record.solver == solver and f.known > 0.0]
+    if not own:
+        return None
+    whole = sum(f.whole for f in own)
+    least = min(own, key=lambda f: f.until / f.known)
+    all_of = f"{whole} of {plural(len(own), 'motion')} to the end of the reference"
+    if whole == len(own):
+        return "followed", all_of, f"{whole} of {len(own)}", "good"
+    words = f"least {least.run.variant}, {time(float(f'{least.until:.3g}'))} of {time(float(f'{least.known:.3g}'))} s"
+    return "followed", f"{all_of}; {words}", f"{whole} of {len(own)}", "failed"
+
+
+def _cost(solver: str, costs: Sequence[Frontier]) -> Fact | None:
+    """Relative to the cheapest at one error: the mean ratio over the problems on which it gets there."""
+    factors = [p.factor for f in costs for p in f.places if p.run.record.solver == solver]
+    if not factors:
+        return None
+    mean = math.exp(sum(map(math.log, factors)) / len(factors))
+    ratio = f"×{number(mean, 2)}"
+    value = f"{ratio} the cheapest at {decade(costs[0].target)}, reached on {len(factors)} of "
+    return "cost", value + plural(len(costs), "problem"), ratio, "good" if mean < 3.0 else "refused"

@@ -6,7 +6,7 @@ from typing import Any
 from ...mechanism.theatre.cast import RULE
 from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
 from ...model.results import Results, Variant
-from ...model.variants import broadest, same_motion, themselves
+from ...model.scores import broadest, same_motion, themselves
 from ..base import Page, Site
 
 ALL_BYTES = 12_000_000  # of the data files of all theatres

@@ -14,7 +14,7 @@ from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED, read_cl
 from mbsbench.reports import site
 from mbsbench.reports.model.claim_words import band
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.paper import build, captions, lines, picking
+from mbsbench.reports.paper import build, captions, lines
 from mbsbench.reports.paper.catalogue import FIGURES
 from mbsbench.reports.plots import palette
 from mbsbench.reports.plots.style import SUFFIXES, style
@@ -27,7 +27,7 @@ BY_NAME = {s.name: s for s in FIGURES}
 def drawn(folder, name):
     """A figure and its lines, not written."""
     results = read_results(folder, check_series=False)
-    own = picking.choose(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
+    own = lines.choose(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
     with style():
         return build.draw(BY_NAME[name], own, palette.looks({k.asked.solver for k in own})), own
 
@@ -45,12 +45,12 @@ def test_every_pick_finds_runs_in_the_suite():
     """Else a figure would miss a line without a word."""
     for figure in FIGURES:
         for pick in figure.picks:
-            assert [s for s in pick.solvers if s not in {a.solver for a in picking.select_runs(pick, suite())}] == []
+            assert [s for s in pick.solvers if s not in {a.solver for a in lines.select_runs(pick, suite())}] == []
 
 
 def test_of_recommended_runs_the_printed_step_and_the_smallest_tolerance_are_drawn():
     """The suite has the steps 0.01 and 0.005 s and the tolerances 1e-6 and 1e-8."""
-    recommended = picking.select_runs(BY_NAME["fig06-recommended"].picks[0], suite())
+    recommended = lines.select_runs(BY_NAME["fig06-recommended"].picks[0], suite())
     assert [s.control.dt or s.control.rtol for s in recommended] == [0.01, 1e-8, 1e-8, 1e-8, 1e-8]
 
 
@@ -164,9 +164,9 @@ def test_a_run_made_again_takes_the_place_of_the_old_one():
     figure = BY_NAME["fig08"]
     old = record_for(asked("fig08")[0])
     new = dataclasses.replace(old, run_id="f" * 16, finished="2026-02-02")
-    assert picking.choose(figure.picks, suite(), [Run(new), Run(old)])[0].run.record is new
+    assert lines.choose(figure.picks, suite(), [Run(new), Run(old)])[0].run.record is new
     other = dataclasses.replace(old, settings_id="another")
-    assert picking.choose(figure.picks, suite(), [Run(other)])[0].run is None
+    assert lines.choose(figure.picks, suite(), [Run(other)])[0].run is None
 
 
 def test_claims_of_a_figure_are_in_its_caption(tmp_path):
