@@ -53,10 +53,8 @@ def write(results: Results, site: Site) -> Page | None:
             rows=[row for row in rows if row[2] and row[0].title in plain],
             apart=[row for row in rows if row[2] and row[0].title not in plain],
             links=links, whys=[(j.why, j.published) for j in judged], certificates=certified,
-            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))), verdict_mark=judging.verdict_mark,
-            checks={title: (own, *judging.tally(own)) for title, own in group_by(symmetries, lambda s: s.title).items()},
-            marks_of=judging.MARKS, describe_order=judging.describe_order, describe_drift=judging.describe_drift,
-            describe_symmetry=judging.describe_symmetry, wrong=wrong, reason_words=words_of,
+            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))), judging=judging,
+            checks=group_by(symmetries, lambda s: s.title), wrong=wrong, reason_words=words_of,
         )  # fmt: skip
     return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html",
                       standings=standings(results), label=label, loud=loud, about=about_solver)  # fmt: skip
