@@ -169,12 +169,9 @@ def figures(c: Claim) -> str:
 
 
 def _list_conditions(conditions: Sequence[Condition]) -> str:
-    more = f"; and {len(conditions) - MOST_LISTED} more" if len(conditions) > MOST_LISTED else ""
-    return "; ".join(map(_condition, conditions[:MOST_LISTED])) + more
-
-
-def _condition(c: Condition) -> str:
-    return f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})"
+    out = [f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})" for c in conditions]
+    more = [f"and {len(out) - MOST_LISTED} more"] if len(out) > MOST_LISTED else []
+    return "; ".join([*out[:MOST_LISTED], *more])
 
 
 def _missing(m: Missing) -> str:

@@ -198,7 +198,11 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     shown = {r.settings_id: r for r in latest_of_each(sound)}
     later = sum(r.finished > shown[r.settings_id].finished for r in sound)
     near = read_nearest(folder)
-    runs = [Run(r, _stderr(folder, r), nearest_of(r, near)) for r in shown.values()]
+    runs = []
+    for r in shown.values():
+        text = store.native_of(folder, r)
+        last = text if len(text) <= STDERR_SHOWN else "[...]\n" + text[-STDERR_SHOWN:]
+        runs.append(Run(r, last, nearest_of(r, near)))
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
     earlier = len(sound) - len(shown) - later
@@ -231,8 +235,3 @@ def slug(title: str, taken: set[str]) -> str:
     name = next(name for name in names if name.lower() not in taken)
     taken.add(name.lower())
     return name
-
-
-def _stderr(folder: Path, record: RunRecord) -> str:
-    text = store.native_of(folder, record)
-    return text if len(text) <= STDERR_SHOWN else "[...]\n" + text[-STDERR_SHOWN:]

@@ -104,8 +104,12 @@ def write_tables(variants: Sequence[Variant], folder: Place, *, rounded: bool = 
 
 def csv_of(runs: Sequence[Run]) -> str:
     """All columns, numbers in full; empty where a quantity does not exist."""
-    rows = [[c.variant, c.record.solver, c.record.paper_label, *(_full(k, c) for k in COLUMNS), "; ".join(c.reasons)]
-            for c in runs]  # fmt: skip
+    rows = []
+    for c in runs:
+        values = [
+            "" if v == NONE or v != v else v if isinstance(v, str) else repr(v) for v in (k.of(c) for k in COLUMNS)
+        ]
+        rows.append([c.variant, c.record.solver, c.record.paper_label, *values, "; ".join(c.reasons)])
     return format_csv([["problem", "solver", "paper_label", *map(_head, COLUMNS), "reason"], *rows])
 
 
@@ -137,7 +141,11 @@ def latex_of(title: str, runs: Sequence[Run]) -> str:
     out = [" & ".join(c.latex for c in columns) + r" \\", r"\midrule"]
     for solver, own in by_solver(runs).items():
         out.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{{latex_text(solver)}}} \\*")
-        out += [" & ".join(_latex(c, run) for c in columns) + r" \\" for run in own]
+        for run in own:
+            cells = ((c.of(run), c.text(run)) for c in columns)
+            out.append(
+                " & ".join(latex_text(v) if isinstance(v, str) else latex_number(v, s) for v, s in cells) + r" \\"
+            )
     until = "" if measure is None or measure.until is None else f", errors up to {measure.until:.4g} s"
     start = [f"% {_one_line(title)}{until}", r"% needs \usepackage{booktabs,array}",
              r"{\footnotesize\setlength{\tabcolsep}{2pt}%", rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}",
@@ -163,18 +171,6 @@ def latex_number(value: float, shown: str) -> str:
         mantissa, power = plain.split("×10")
         plain = f"{mantissa}\\times 10^{{{power.translate(DIGITS)}}}"
     return f"${plain}$"
-
-
-def _full(column: Column, run: Run) -> str:
-    value = column.of(run)
-    if isinstance(value, str):
-        return "" if value == NONE else value
-    return "" if math.isnan(value) else repr(value)
-
-
-def _latex(column: Column, run: Run) -> str:
-    value = column.of(run)
-    return latex_text(value) if isinstance(value, str) else latex_number(value, column.text(run))
 
 
 def _round_cell(column: Column, run: Run) -> str:

@@ -52,7 +52,11 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
     """``spec`` with its runs; ``looks`` by solver."""
     plots = [[plot_of(p, lines) if isinstance(p, Panel) else p for p in row] for row in spec.rows]
     panels = [p for row in plots for p in row if isinstance(p, Plot)]
-    legend = Legend.of(_list_legend(lines, panels) if panels else [], looks, wide=True)
+    named, none = list[Trace](), np.zeros(0)
+    for k in lines if panels else ():  # every run asked for, a missing one without a line
+        solver = k.asked.solver if k.run else ""
+        named.append(Trace(k.words, none, none, solver, "lines" if solver else "markers", k.dash))
+    legend = Legend.of([*named, *(t for p in panels for t in p.traces if not t.solver)], looks, wide=True)
     figure = sheet(DOUBLE if panels else SINGLE, spec.height * len(spec.rows) + legend.height + 0.1)
     places = figure.add_gridspec(len(spec.rows), COLUMNS)
     letter = 0
@@ -66,27 +70,15 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
                 ax.set_title(f"{chr(ord('a') + letter)}  {part.title}")
                 letter += 1
             if isinstance(part, Sketch):
-                _sketch(ax, part, lines)
+                source = next((k.series for k in lines if k.series is not None and "frame_t" in k.series), None)
+                if not draw_sketch(ax, part.view, source):
+                    words = fill(plain(f"{lines[0].words}{': no poses recorded' if lines[0].run else ''}"), 40)
+                    ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color=MUTED)
             elif isinstance(plot, Plot):
                 panel(ax, plot, looks)
                 _frame(ax, part, plot, lines)
     legend.put(figure)
     return figure
-
-
-def _list_legend(lines: Sequence[Line], plots: Sequence[Plot]) -> list[Trace]:
-    """Names of the legend: every run asked for, a missing one without a line, and what belongs to no solver."""
-    asked = [(k, k.asked.solver if k.run else "") for k in lines]
-    none = np.zeros(0)
-    runs = [Trace(k.words, none, none, solver, "lines" if solver else "markers", k.dash) for k, solver in asked]
-    return [*runs, *(t for p in plots for t in p.traces if not t.solver)]
-
-
-def _sketch(ax: Axes, part: Sketch, lines: Sequence[Line]) -> None:
-    source = next((k.series for k in lines if k.series is not None and "frame_t" in k.series), None)
-    if not draw_sketch(ax, part.view, source):
-        words = f"{lines[0].words}{': no poses recorded' if lines[0].run else ''}"
-        ax.text(0.5, 0.5, fill(plain(words), 40), transform=ax.transAxes, ha="center", va="center", color=MUTED)
 
 
 def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[Line]) -> None:

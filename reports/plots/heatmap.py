@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..model.accuracy import LEVELS
-from ..model.heat import Box, Heat
+from ..model.heat import Heat
 from .style import DOUBLE, INK, MUTED, PAPER, plain, sheet
 
 COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
@@ -21,7 +21,8 @@ def heat_figure(heat: Heat) -> Figure:
     ax = out.add_subplot()
     for y, row in enumerate(heat.rows):
         for x, box in enumerate(row.boxes):
-            ax.add_patch(Rectangle((x, y), 1.0, 1.0, facecolor=_colour(box), edgecolor=PAPER, linewidth=1.0))
+            colour = PAPER if box is None else "#ece9e6" if box.level is None else COLOURS[box.level]
+            ax.add_patch(Rectangle((x, y), 1.0, 1.0, facecolor=colour, edgecolor=PAPER, linewidth=1.0))
             if box is not None:
                 loud = box.level == len(LEVELS)
                 words = plain(f"{SIGNS[box.mark.kind]}{box.text}")
@@ -38,10 +39,6 @@ def heat_figure(heat: Heat) -> Figure:
     keys = [Patch(facecolor=c, edgecolor=MUTED, linewidth=0.4, label=e) for c, e in zip(COLOURS, edges, strict=True)]
     out.legend(handles=keys, loc="outside lower center", ncols=len(keys), title="error / limit", handlelength=1.0)
     return out
-
-
-def _colour(box: Box | None) -> str:
-    return PAPER if box is None else "#ece9e6" if box.level is None else COLOURS[box.level]
 
 
 def _title(problem: str, parameters: str) -> str:

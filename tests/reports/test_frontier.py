@@ -47,7 +47,7 @@ def test_work_is_interpolated_on_the_power_law(tmp_path):
     assert [p.run.record.solver for p in found.places] == ["beta", "alpha"]
     assert found.places[0].cpu_s == pytest.approx(10.0 * 3e-3 * 1e3**0.25)
     assert found.places[1].cpu_s == pytest.approx(10.0 * 1e-3 * 1e3**0.5)
-    assert found.next_factor == pytest.approx(1e3**0.25 / 3.0)
+    assert found.places[1].factor == pytest.approx(1e3**0.25 / 3.0)
 
 
 def test_who_misses_and_who_refuses_is_said(tmp_path):

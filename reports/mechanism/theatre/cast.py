@@ -34,11 +34,11 @@ def cast(variant: Variant, moved: Sequence[str], at_most: int = AT_MOST) -> tupl
 
 def _order(can: Sequence[Run]) -> Iterator[Run]:
     """All of ``can``, the most telling first; some more than once."""
-    firsts = _one_each(can, lambda c: c.record.solver, _stage_order)
+    firsts = _one_each(can, _solver, lambda c: (not c.succeeded, len(c.options), c.step_or_tolerance))
     known = {_method(c) for c in firsts}
     sound = sorted((c for c in firsts if c.succeeded), key=_soundness)
     yield from (sound[k] for k in (0, len(sound) // 2, -1) if sound)
-    yield from _one_each([c for c in can if not c.succeeded], lambda c: c.record.solver, _broke)
+    yield from _one_each([c for c in can if not c.succeeded], _solver, _broke)
     yield from firsts
     yield from (c for c in _one_each(can, _method, _broke) if _method(c) not in known)
     yield from sorted(can, key=_broke)
@@ -49,6 +49,10 @@ def _one_each(runs: Sequence[Run], by: Callable[[Run], Any], key: Callable[[Run]
     return [min(own, key=key) for _, own in groupby(sorted(runs, key=by), by)]
 
 
+def _solver(c: Run) -> str:
+    return c.record.solver
+
+
 def _method(c: Run) -> tuple[str, str]:
     return c.record.label, c.record.solver
 
@@ -57,10 +61,6 @@ def _setting(c: Run) -> tuple[str, ...]:
     """Its settings, but for the label and the largest number of steps."""
     r = c.record
     return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
-
-
-def _stage_order(c: Run) -> tuple[bool, int, float]:
-    return (not c.succeeded, len(c.options), c.step_or_tolerance)
 
 
 def _broke(c: Run) -> tuple[bool, bool, float]:

@@ -6,7 +6,7 @@ from typing import Any
 from ....harness.results.reproduce import write_command
 from ...model.accuracy import LEVELS, Measure, measure_for
 from ...model.frontier import Frontier, broad, costs, default_target, of_most_problems
-from ...model.heat import Box, Heat, heat
+from ...model.heat import Box, heat
 from ...model.motion import upper
 from ...model.results import Results
 from ...model.scores import broadest, mechanisms, unpredictable
@@ -33,7 +33,10 @@ def write(results: Results, site: Site) -> Page | None:
     near = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]  # of them the one with most points
     first = max(near, key=lambda k: sum(len(s["points"]) for s in races[k]["solvers"].values()), default=0)
     target = default_target(races[first]) if races else 0
-    data = {"costs": races, "stages": stages, "cells": _cells(results, site, picture), "first": first, "target": target,
+    problems, rows = (picture.problems, picture.rows) if picture else ((), ())
+    boxes = [(row.solver, p, b) for row in rows for p, b in zip(problems, row.boxes, strict=True) if b]
+    cells = {f"{solver} {p.slug}": _cell(results, site, b, measure_for(p.runs)) for solver, p, b in boxes}
+    data = {"costs": races, "stages": stages, "cells": cells, "first": first, "target": target,
             "colours": {s: k.colour for s, k in site.looks.items()}}  # fmt: skip
     scripts = [site.bundle("overview", data), *(f"data/{s['file']}.js" for s in stages[:1]),
                "assets/stage.js", "assets/overview.js"]  # fmt: skip
@@ -57,17 +60,6 @@ def panels_title(found: Sequence[Frontier]) -> str:
     return f"{cost.title(found)}; the median solver costs {number(factors[len(factors) // 2], 2)} times as much"
 
 
-def _cells(results: Results, site: Site, picture: Heat | None) -> dict[str, Any]:
-    """Texts of the heat map's drawer for each box, by solver and problem."""
-    out = {}
-    for k, variant in enumerate(picture.problems if picture else ()):
-        measure = measure_for(variant.runs)
-        for row in picture.rows if picture else ():
-            if (b := row.boxes[k]) is not None:
-                out[f"{row.solver} {variant.slug}"] = _cell(results, site, b, measure)
-    return out
-
-
 def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict[str, Any]:
     r = b.run.record
     series = results.series(b.run, poses=False) if r.series else None
@@ -85,12 +77,8 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
 def _panels(site: Site) -> list[Plot]:
     """Error over CPU time: of each problem the variant with most points, then other variants."""
     problems = {p.title: p.problem for p in site.results.variants}
-    ordered = sorted(site.work.items(), key=lambda kv: -_points(kv[1]))
+    ordered = sorted(site.work.items(), key=lambda kv: -sum(len(t.x) for t in kv[1].traces))
     seen: dict[str, str] = {}
     for title, _ in ordered:
         seen.setdefault(problems.get(title, title), title)
     return [plot for _, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
-
-
-def _points(plot: Plot) -> int:
-    return sum(len(t.x) for t in plot.traces)

@@ -39,8 +39,11 @@ def roles_of(variant: Variant, label: str, site: Site) -> list[tuple[Run, str]]:
     cheapest = _cheapest_first(variant, site) or best_first
     paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.succeeded),
                    key=lambda c: len(c.record.paper_label))  # fmt: skip
-    wrong = sorted((c for c in variant.runs if c.status == "wrong"), key=lambda c: _worst(c, site), reverse=True)
-    worst = wrong or best_first[1:][-1:]
+    sizes = {c.record.run_id: min(m.part, 1e9) if (m := margin(c)) else 0.0 for c in variant.runs}
+    worst = sorted(
+        (c for c in variant.runs if c.status == "wrong"), reverse=True,  # implicit methods, which most codes in use are
+        key=lambda c: (site.looks[c.record.solver].family == "implicit", sizes[c.record.run_id], c.record.run_id),
+    ) or best_first[1:][-1:]  # fmt: skip
     out: dict[str, tuple[Run, str]] = {}
     for runs, words in ((cheapest, "cheapest accurate"), (paper, "the paper's"), (worst, "the worst")):
         for run in [c for c in runs if c.record.series][:1]:
@@ -50,21 +53,15 @@ def roles_of(variant: Variant, label: str, site: Site) -> list[tuple[Run, str]]:
 
 def _cheapest_first(variant: Variant, site: Site) -> list[Run]:
     """Successes by their solver's cost at one error, whose ladder may be over another time of the same motion."""
-    same = {v.title for v in site.results.variants if v.problem == variant.problem and _start(v) == _start(variant)}
+
+    def start(v: Variant) -> dict[str, Any]:
+        return {name: value for name, value in v.runs[0].parameters.items() if name != "t_end"}
+
+    same = {v.title for v in site.results.variants if v.problem == variant.problem and start(v) == start(variant)}
     found = of_most_problems([f for f in site.frontiers if f.variant in same])
     order = [p.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
     sound = [c for c in variant.runs if c.succeeded and c.record.solver in order]
     return sorted(sound, key=lambda c: (order.index(c.record.solver), c.record.cpu_median_s))
-
-
-def _start(variant: Variant) -> dict[str, Any]:
-    return {name: v for name, v in variant.runs[0].parameters.items() if name != "t_end"}
-
-
-def _worst(run: Run, site: Site) -> tuple[bool, float, str]:
-    """Implicit methods first, which most codes in use are; then how far over the limit."""
-    m = margin(run)
-    return site.looks[run.record.solver].family == "implicit", min(m.part, 1e9) if m else 0.0, run.record.run_id
 
 
 def scene_of(results: Results, site: Site, variant: Variant, label: str) -> dict[str, Any] | None:

@@ -41,13 +41,15 @@ def write(results: Results, site: Site) -> Page | None:
         card = site.cards[name] = card_of(name, orders, drifts, follow, costs)
         image = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
         (site.folder / image).write(card["badge"], durable=False)
+        failed = group_by((c for c in runs if not c.succeeded), lambda c: c.status)
+        reasons = sorted(failed.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))  # the most frequent first
         work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
                 for group, own in groups_of(p, label).items()]  # fmt: skip
         site.write(
             Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=image, about=about_solver(name),
             scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
-            runs=runs, score=score(runs), most=CHIPS, options=_options(runs), reasons=_reasons(runs),
+            runs=runs, score=score(runs), most=CHIPS, options=_options(runs), reasons=reasons,
             paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})),
             loud=[c for c in loud if c.record.solver == name],
             rows=[row for row in rows if row[2] and row[0].title in plain],
@@ -70,21 +72,10 @@ def _options(runs: Sequence[Run]) -> dict[str, Score]:
     return {words: score(found[words]) for words in ordered}
 
 
-def _reasons(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
-    """Runs that did not succeed, grouped by how they ended; the most frequent ending first."""
-    found = group_by((c for c in runs if not c.succeeded), lambda c: c.status)
-    return sorted(found.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))
-
-
 def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], followed: Sequence[Followed],
             costs: Sequence[Frontier]) -> dict[str, Any]:  # fmt: skip
     """Facts about a solver at its default options, and the same as a badge; a line without a fact is left out."""
-    found = (
-        _order(solver, orders),
-        _energy(solver, drifts),
-        _shortest_followed(solver, followed),
-        _cost(solver, costs),
-    )
+    found = _order(solver, orders), _energy(solver, drifts), _followed(solver, followed), _cost(solver, costs)
     facts = [f for f in found if f is not None]
     drawn = badge(solver, [(name, short, kind) for name, _, short, kind in facts])
     return {"solver": solver, "facts": facts, "badge": drawn}
@@ -115,7 +106,7 @@ def _energy(solver: str, drifts: Sequence[Drift]) -> Fact | None:
     return "energy", f"{words} {over} of {d.problem}{moved}", f"{words} {over}", judging.verdict_mark(d.verdict).kind
 
 
-def _shortest_followed(solver: str, followed: Sequence[Followed]) -> Fact | None:
+def _followed(solver: str, followed: Sequence[Followed]) -> Fact | None:
     """The problem on which the smallest part of the known motion is followed."""
     own = [f for f in followed if f.run.record.solver == solver and f.known > 0.0]
     if not own:
