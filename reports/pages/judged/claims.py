@@ -31,7 +31,6 @@ VERDICTS: Mapping[Verdict, Mark] = {
     Verdict.UNTESTABLE: Mark("?", "untestable", "refused"),
 }
 LISTED = 40  # runs beside the map
-AGAINST = 4  # cases named that numbers are compared with
 
 
 def grids(rows: Sequence[MapRow], links: Links) -> list[dict[str, Any]]:
@@ -99,14 +98,19 @@ class Shown:
 
     of: Claim
     anchor: str
-    section: str
-    mark: Mark
     line: Markup | None
-    settings: tuple[tuple[str, str], ...]
     runs: tuple[tuple[str, str], ...]  # those not on the map: words and address, empty for one that is not here
     solvers: tuple[str, ...]
     grids: list[dict[str, Any]]
     published: bool = False  # these results lack its runs: the published verdict
+
+    @property
+    def mark(self) -> Mark:
+        return VERDICTS[self.of.verdict]
+
+    @property
+    def section(self) -> str:
+        return f"Sect. {self.of.section}" if self.of.section[:1].isdigit() else self.of.section
 
     @property
     def sides(self) -> tuple[tuple[str, Mark, str], ...]:
@@ -176,32 +180,19 @@ def _first(c: Claim) -> str:
 
 
 def _show_claim(c: Claim, links: Links, anchor: str) -> Shown:
-    mark, line = VERDICTS[c.verdict], None
+    """With the runs that are not on the map, a few of them; those that are not in these results are counted."""
+    line = None
     if c.tests:
         first = c.tests[0]
         low, high = (v if v is not None else end for v, end in zip(first.band, (-math.inf, math.inf), strict=True))
-        line = number_line(first.measured, low, high, unit(first.unit), mark.kind, c.measured_range)
-    settings = [
-        (claim_words.spell_out(k), ", ".join(claim_words.value(k, v) for v in vs)) for k, vs in c.settings.items()
-    ]
-    if c.against:
-        more = len(c.against) - AGAINST
-        settings.append(("against", ", ".join(c.against[:AGAINST]) + (f" and {more} more" if more > 0 else "")))
-    on_map = {m.settings_id for m in c.map}
-    solvers = {links.runs[k].record.solver for k in c.settings_ids if k in links.runs}
-    section = f"Sect. {c.section}" if c.section[:1].isdigit() else c.section
-    return Shown(c, anchor, section, mark, line, tuple(settings), _elsewhere(c.settings_ids, on_map, links),
-                 tuple(sorted(solvers)), grids(c.map, links))  # fmt: skip
-
-
-def _elsewhere(keys: Sequence[str], on_map: set[str], links: Links) -> tuple[tuple[str, str], ...]:
-    """Runs that are not on the map, a few of them; those that are not in these results are counted."""
-    rest = [k for k in keys if k not in on_map]
+        line = number_line(first.measured, low, high, unit(first.unit), VERDICTS[c.verdict].kind, c.measured_range)
+    rest = [k for k in c.settings_ids if k not in {m.settings_id for m in c.map}]
     here = [k for k in rest if k in links.runs]
-    out = [(links.words(k), links.page(k)) for k in here[:LISTED]]
-    for n, words in ((len(here) - LISTED, "more in these results"), (len(rest) - len(here), "not in these results")):
-        out += [(f"{n} {words}", "")] if n > 0 else []
-    return tuple(out)
+    counted = (len(here) - LISTED, "more in these results"), (len(rest) - len(here), "not in these results")
+    runs = [(links.words(k), links.page(k)) for k in here[:LISTED]]
+    runs += [(f"{n} {words}", "") for n, words in counted if n > 0]
+    solvers = sorted({links.runs[k].record.solver for k in c.settings_ids if k in links.runs})
+    return Shown(c, anchor, line, tuple(runs), tuple(solvers), grids(c.map, links))
 
 
 def write(results: Results, site: Site) -> Page | None:
