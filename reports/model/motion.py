@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+import pandas as pd
+from jaxtyping import Float
+from pandas.api.typing import SeriesGroupBy
 
 from ...harness.results.series import Series
 from .results import Run
@@ -34,7 +36,7 @@ class Curve:
 def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
     """The largest |a| in each span of time: what a bound must not be below. Values that are no numbers are left out."""
     t, a = _finite(t, np.abs(a))
-    at = _firsts(a, _starts(t, t_end, spans), np.maximum)
+    at = _spans(t, a, t_end, spans).idxmax().to_numpy(int)
     return Curve(t[at], a[at])
 
 
@@ -43,22 +45,18 @@ def signed_curve(
 ) -> Curve:
     """Smallest and largest value in each span, in their order of time, and the ends."""
     t, a = _finite(t, a)
-    starts = _starts(t, t_end, spans)
-    ends = [0, len(t) - 1] if len(t) else starts
-    at = np.unique(np.concatenate([ends, _firsts(a, starts, np.minimum), _firsts(a, starts, np.maximum)]))
+    each = _spans(t, a, t_end, spans)
+    ends = [0, len(t) - 1] if len(t) else []
+    at = np.unique(np.concatenate([ends, each.idxmin(), each.idxmax()])).astype(int)
     return Curve(t[at], a[at])
 
 
 def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
-    """Median, smallest and largest value in each span."""
+    """Median, smallest and largest value in each span, at its end."""
     t, a = _finite(t, a)
-    starts = _starts(t, t_end, spans)
-    if not len(starts):
-        return Curve(t, a, a, a)
-    counts = np.diff(np.append(starts, len(t)))
-    ranked = a[np.lexsort((a, np.repeat(np.arange(len(starts)), counts)))]  # sorted within each span
-    middle = 0.5 * (ranked[starts + (counts - 1) // 2] + ranked[starts + counts // 2])
-    return Curve(t[starts + counts - 1], middle, ranked[starts], ranked[starts + counts - 1])
+    each = _spans(t, a, t_end, spans)
+    last = each.tail(1).index.to_numpy(int)
+    return Curve(t[last], each.median().to_numpy(), each.min().to_numpy(), each.max().to_numpy())
 
 
 def level(curve: Curve) -> Curve:
@@ -103,23 +101,10 @@ def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return t[:n][good].astype(float), a[:n][good].astype(float)
 
 
-def _starts(t: np.ndarray, t_end: float, n: int) -> Int[np.ndarray, " spans"]:
-    """First row of each span; [0, t_end] in ``n`` equal ones, so that curves of one figure have the same spans."""
-    if len(t) == 0:
-        return np.zeros(0, dtype=np.int64)
-    whole = max(t_end if t_end > 0.0 else 0.0, float(t[-1]), 1e-300)
-    span = np.minimum((t / whole * n).astype(np.int64), n - 1)
-    return np.append(0, np.flatnonzero(np.diff(span)) + 1)
-
-
-def _firsts(a: np.ndarray, starts: np.ndarray, extreme: np.ufunc) -> Int[np.ndarray, " spans"]:
-    """The first row of each span that has its extreme value."""
-    if not len(starts):
-        return starts
-    counts = np.diff(np.append(starts, len(a)))
-    span = np.repeat(np.arange(len(starts)), counts)
-    hits = np.flatnonzero(a == extreme.reduceat(a, starts)[span])
-    return hits[np.unique(span[hits], return_index=True)[1]]
+def _spans(t: np.ndarray, a: np.ndarray, t_end: float, n: int) -> SeriesGroupBy:
+    """Rows by span; [0, t_end] in ``n`` equal ones, so that curves of one figure have the same spans."""
+    whole = max(t_end if t_end > 0.0 else 0.0, *t[-1:], 1e-300)
+    return pd.Series(a).groupby(np.minimum((t / whole * n).astype(np.int64), n - 1), sort=False)
 
 
 @dataclass(frozen=True)
