@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .results import Results, Run
-from .words import plural
 
 UNKNOWN = "not recorded"
 ASKED = {"dt_s": "dt {} s", "rtol": "rtol {}", "max_step_s": "max step {} s"}
@@ -49,28 +48,6 @@ def _commit(e: Mapping[str, Any], digits: int | None = None) -> str:
 
 def _machine(e: Mapping[str, Any]) -> str:
     return f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores"
-
-
-def cautions(results: Results) -> list[str]:
-    """Cautions that a reader needs before trusting a number."""
-    out = []
-    commits = sorted({c.record.commit for c in results.runs if c.record.commit})
-    if len(commits) > 1:
-        out.append(f"Runs were made at {len(commits)} commits: {', '.join(commits)}.")
-    if (n := results.made_again) > 0:
-        are, has = ("is", "a later one has") if n == 1 else ("are", "later ones have")
-        out.append(f"{plural(n, 'earlier run')} {are} left out: {has} the same settings.")
-    if (n := results.cut_short) > 0:
-        are = "is left out: it was" if n == 1 else "are left out: they were"
-        out.append(f"{plural(n, 'later run')} {are} cut short or crashed, and an earlier success is shown.")
-    if results.environment.get("dirty"):
-        out.append("The checkout had uncommitted changes: the commit alone does not reproduce these numbers.")
-    if isinstance(results.environment.get("jobs"), int) and results.environment["jobs"] > 1:
-        out.append(f"{results.environment['jobs']} runs at a time: CPU times include their interference.")
-    if not results.environment:
-        out.append("environment.json is missing or unreadable: machine and versions are unknown.")
-    out += [f"Left out: {u.path.name}: {u.why}" for u in results.unreadable]
-    return out
 
 
 def packages(results: Results) -> list[tuple[str, str]]:

@@ -8,7 +8,6 @@ import pytest
 
 from mbsbench.harness.results.shadows import Nearest
 from mbsbench.reports.model.accuracy import measure_for
-from mbsbench.reports.model.provenance import cautions
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.model.tables import COLUMNS, csv_of, latex_number, latex_of, latex_text
 from mbsbench.reports.model.words import format_signed, number, seconds, unit, whole
@@ -92,9 +91,9 @@ def test_of_runs_with_the_same_settings_the_latest_is_shown(tmp_path):
     put(tmp_path, record("other", "beta"))
     found = read_results(tmp_path)
     assert {c.record.run_id for c in found.runs} == {"new", "other"}
-    assert "1 earlier run is left out: a later one has the same settings." in cautions(found)
+    assert found.made_again == 1
     put(tmp_path, record("older", settings_id="s", finished="2025-01-01T00:00:00Z"))
-    assert "2 earlier runs are left out: later ones have the same settings." in cautions(read_results(tmp_path))
+    assert read_results(tmp_path).made_again == 2
 
 
 @pytest.mark.parametrize("ending", [{"status": "crashed", "ended_by": "killed"}, {"status": "crashed", "signal": 11},
@@ -105,7 +104,7 @@ def test_a_later_run_that_was_killed_or_crashed_hides_no_success(ending, tmp_pat
     put(tmp_path, record("cut", settings_id="s", finished="2026-01-03T00:00:00Z", **ending))
     found = read_results(tmp_path)
     assert [c.record.run_id for c in found.runs] == ["good"]
-    assert "1 later run is left out: it was cut short or crashed, and an earlier success is shown." in cautions(found)
+    assert (found.made_again, found.cut_short) == (0, 1)
     put(tmp_path, record("lost", settings_id="s", finished="2026-01-02T00:00:00Z", status="diverged"))
     assert [c.record.run_id for c in read_results(tmp_path).runs] == ["lost"]
     put(tmp_path, record("first", "beta", settings_id="b", finished="2026-01-01T00:00:00Z", status="diverged"))
