@@ -13,7 +13,7 @@ from ...model.accuracy import list_followed, margin
 from ...model.catalogue import code_of_others, is_engine
 from ...model.heat import Heat
 from ...model.results import Results, Run, group_by, read_results
-from ...model.words import claim_success, join_words, number, plural, time
+from ...model.words import number, time
 from ...plots.palette import Look
 from ..base import JUDGE, links_of, read_judged_or_published, read_or_why
 from ..judged.claims import Shown, claims_of, counts
@@ -38,15 +38,6 @@ def false_successes(results: Results, label: str) -> tuple[list[dict[str, Any]],
 
     worst = [min(own, key=key) for own in group_by([*wrong, *published], lambda c: c.record.solver).values()]
     return [_card(results, c, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
-
-
-def wrong_title(cards: Sequence[Mapping[str, Any]], wrong: int) -> str:
-    """How many runs, and which code of others is among them, here or as published."""
-    said = f"{plural(wrong, 'run')} {claim_success(wrong)}"
-    here, elsewhere = (list(dict.fromkeys(c["code"] for c in cards if c["code"] and c["published"] is p))
-                       for p in (False, True))  # fmt: skip
-    by = f", among them {join_words(here)} at some settings" if here else ""
-    return f"{said}{by}{f'; as published, also runs of {join_words(elsewhere)}' if elsewhere else ''}"
 
 
 def _card(results: Results, run: Run, published: bool) -> dict[str, Any]:
@@ -78,14 +69,8 @@ def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[dict[str, An
                      f.run.record.solver) for f in own if not f.whole]  # fmt: skip
             words = f"{variant.title}: {whole} of {len(own)} to {time(float(f'{known:.3g}'))} s"
             out.append({"variant": variant, "whole": whole, "count": len(own), "known": known,
-                        "picture": ticks_on(dots, whole, words), "all_follow": whole == len(own)})  # fmt: skip
+                        "picture": ticks_on(dots, whole, words)})  # fmt: skip
     return out
-
-
-def strips_title(found: Sequence[Mapping[str, Any]]) -> str:
-    """Pairs of a solver and a motion."""
-    whole, count = (sum(s[k] for s in found) for k in ("whole", "count"))
-    return f"{whole} of {plural(count, 'run')} follow{'s' if count == 1 else ''} the exact motion to its end"
 
 
 def verdicts(results: Results) -> dict[str, Any] | None:
@@ -95,14 +80,8 @@ def verdicts(results: Results) -> dict[str, Any] | None:
     shown = [c for c in claims_of(found.found or (), links_of(results.runs), kept) if not c.presentation]
     if not shown:
         return None
-    n = {m.word: k for m, k in counts(shown)}
-    depend = sum(n[w] for w in DEPENDS)
-    title = (f"Of the claims of Natsiavas et al. (2022) {n['supported']} hold, {n['refuted']} do not, "
-             f"{depend} depend on settings; {n['untestable']} cannot be tested")  # fmt: skip
-    lacking = sum(c.published for c in shown)
-    words = f"{lacking} lack runs here" if lacking else ""
-    return {"title": title, "columns": group_by(shown, lambda c: c.section), "sentences": told(shown),
-            "published": found.published or words}  # fmt: skip
+    return {"counts": {m.word: k for m, k in counts(shown)}, "columns": group_by(shown, lambda c: c.section),
+            "sentences": told(shown), "published": found.published or any(c.published for c in shown)}  # fmt: skip
 
 
 def told(shown: Sequence[Shown]) -> list[Shown]:

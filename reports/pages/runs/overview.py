@@ -15,7 +15,7 @@ from ...plots.browser import Steps
 from ...plots.spec import Plot
 from ..base import Page, Site
 from ..judged import cost
-from .bands import false_successes, strips, strips_title, verdicts, wrong_title
+from .bands import false_successes, strips, verdicts
 from .scenes import one_a_problem
 
 PANELS = 6
@@ -41,13 +41,11 @@ def write(results: Results, site: Site) -> Page | None:
     scripts = [site.bundle("overview", data), *(f"data/{s['file']}.js" for s in stages[:1]),
                "assets/stage.js", "assets/overview.js"]  # fmt: skip
     cards, wrong = false_successes(results, label)
-    follow = strips(picture, site.looks)
     return site.write(
         Page("Overview", "index.html", nav=True, order=0), "overview.html", plots=_panels(site), scripts=scripts,
         heat=picture, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races, first=first,
         target=target, stages=stages, panels_title=panels_title(of_most_problems(found)), cards=cards,
-        wrong_title=wrong_title(cards, wrong),
-        strips=follow, strips_title=strips_title(follow), verdicts=verdicts(results), mechanisms=mechanisms(results),
+        wrong=wrong, strips=strips(picture, site.looks), verdicts=verdicts(results), mechanisms=mechanisms(results),
         door=max(site.cards.values(), key=lambda c: (len(c["facts"]), c["solver"]), default=None),
     )  # fmt: skip
 
