@@ -164,6 +164,7 @@ class Site:
                                   undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
         results, slugs = self.results, {p.title: p.slug for p in self.results.variants}
         related = group_by(self.pages(), lambda p: p.about)
+        environment.tests["known"] = lambda v: v == v  # a number
         environment.globals.update({k: f for k, f in vars(words).items() if isfunction(f)})
         environment.globals.update(
             results=results, looks=self.looks, url=self.url, exists=self._pending.__contains__,

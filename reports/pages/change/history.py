@@ -13,7 +13,7 @@ from ....harness.results.history import find_histories, merge_rows, read_folder,
 from ....harness.results.rows import Row
 from ...model.results import Results, group_by
 from ...model.tables import format_csv
-from ...model.words import Mark, mark, number
+from ...model.words import Mark, mark
 from ..base import Page, Site
 from ..svg import sparkline
 
@@ -145,19 +145,8 @@ def write(results: Results, site: Site) -> Page | None:
         lines=shown, shared=len(shared), table=TABLE, new=len(found) - len(shared),
         changed=sum(line.changed for line in found), worse=sum(line.changed and line.lost > 0.0 for line in found),
         moments=runs, commits=list(dict.fromkeys(m["commit"] for m in runs)), bad=bad, most=MOST,
-        here=results.folder.resolve().name, spark=spark,
+        here=results.folder.resolve().name, sparkline=sparkline,
     )  # fmt: skip
-
-
-def spark(line: Line, what: str) -> dict[str, object]:
-    """A line over all results with its first and last value."""
-    values = line.errors if what == "error" else line.values(what)
-    known = [v for v in values if v == v]
-    if not known:
-        return {"drawn": "", "first": "", "last": "", "value": ""}
-    words = f"{line.case}: from {number(known[0])} to {number(known[-1])} over {len(values)} results"
-    drawn = sparkline(values, words) if len(values) > 1 else ""
-    return {"drawn": drawn, "first": number(known[0]), "last": number(known[-1]), "value": repr(known[-1])}
 
 
 def table(found: Sequence[Line]) -> str:

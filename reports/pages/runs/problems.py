@@ -16,7 +16,7 @@ from ...model.heat import best_and_worst, boxes_of
 from ...model.motion import SPANS_UPPER, Motion, motion_of
 from ...model.results import Results, Run, Variant
 from ...model.scores import broadest, groups_of, mechanisms, themselves, unpredictable, variant_groups
-from ...model.words import number, plural, time, unit
+from ...model.words import unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of
 from ...plots.palette import choose_focus
@@ -49,28 +49,6 @@ def _largest(found: Any) -> float:
         return float(found["max"])
     except (KeyError, TypeError, ValueError):
         return math.nan
-
-
-def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
-    """The facts about the problem at the head of its page."""
-    records = [c.record for c in variant.runs]
-    out = [variant.section] if variant.section else []
-    times = sorted({r.t_end_s for r in records if not math.isnan(r.t_end_s)})
-    if times:
-        out.append(f"{', '.join(time(t) for t in times)} s simulated")
-    if bodies:
-        out.append(plural(bodies, "body", "bodies"))
-    scale = next((r for r in records if r.energy_scale_J > 0.0), None)
-    if scale:
-        out.append(f"energy scale {number(scale.energy_scale_J)} J, size {number(scale.length_scale_m)} m")
-    own = [r for r in records if r.reference]
-    known = max(own, key=lambda r: (r.reference_own_error_m >= 0.0, r.reference_own_error_m), default=None)
-    if known is None:
-        return (*out, "no exact solution: only energy and constraints are checked")
-    until = f" up to {time(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else ""
-    judged = judged_until(variant.runs)
-    there = "" if judged is None else f", {number(judged_own(known))} m up to {time(judged)} s, where errors are judged"
-    return (*out, f"reference: {known.reference}, stated error {number(known.reference_own_error_m)} m{until}{there}")
 
 
 def events(motions: Iterable[Motion]) -> dict[str, Any]:
@@ -133,7 +111,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         drifts=[d for d in read_judged(results.folder, DRIFTS).found or () if d.variant == variant.title],
         describe_drift=describe_drift, plots=[p for c in chapters for p in c.plots],
         left_out=len(variant.runs) - len(lines),
-        facts_of_it=facts_of(variant, max((m.bodies for m in motions.values()), default=0)),
+        bodies=max((m.bodies for m in motions.values()), default=0), until=judged_until(variant.runs), own=judged_own,
         sentence=best_and_worst(boxes), sketch=sketch_of(results, variant),
         about=about_problem(variant.problem), hard=why_hard(variant.problem), groups=groups, most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
