@@ -21,22 +21,8 @@ MM = 1.0 / 25.4  # [in]
 SINGLE, DOUBLE = 86.0 * MM, 176.0 * MM  # [in] one and two columns of a journal
 PNG_DPI = 200
 SUFFIXES = ("pdf", "svg", "png")
-INK, MUTED, GRID, PAPER = "#1c2126", "#5b646e", "#e1e5ea", "#ffffff"
-
-STYLE: dict[str, Any] = {
-    "font.family": "DejaVu Sans", "font.size": 8.0, "mathtext.fontset": "dejavusans",
-    "axes.titlesize": 8.0, "axes.labelsize": 8.0, "legend.fontsize": 7.0,
-    "xtick.labelsize": 7.0, "ytick.labelsize": 7.0,
-    "axes.titlelocation": "left", "axes.titleweight": "normal", "axes.titlepad": 3.0, "axes.labelpad": 2.0,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.edgecolor": MUTED,
-    "axes.labelcolor": INK, "axes.titlecolor": INK, "text.color": INK, "xtick.color": MUTED, "ytick.color": MUTED,
-    "xtick.labelcolor": INK, "ytick.labelcolor": INK, "xtick.major.width": 0.7, "ytick.major.width": 0.7,
-    "xtick.minor.size": 1.5, "ytick.minor.size": 1.5, "axes.grid": True, "grid.color": GRID, "grid.linewidth": 0.6,
-    "axes.axisbelow": True, "lines.linewidth": 1.0, "lines.markersize": 4.0, "legend.frameon": False,
-    "legend.handlelength": 2.6, "legend.columnspacing": 1.2, "legend.labelspacing": 0.3,
-    "figure.facecolor": PAPER, "axes.facecolor": "none", "path.simplify_threshold": 0.2,
-    "pdf.fonttype": 42, "svg.fonttype": "path", "axes.formatter.limits": (-3, 4),
-}  # fmt: skip
+INK, MUTED, PAPER = "#1c2126", "#5b646e", "#ffffff"
+STYLE = mpl.rc_params_from_file(Path(__file__).parent / "print.mplstyle", use_default_template=False)
 
 
 def style() -> AbstractContextManager[None]:
