@@ -48,7 +48,7 @@ from ..model import words
 from ..model.accuracy import energy_kind
 from ..model.frontier import Frontier, frontiers
 from ..model.glossary import term
-from ..model.provenance import facts, packages, stamp
+from ..model.provenance import packages, stamp
 from ..model.results import Results, Run, Variant, group_by, slug
 from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
@@ -169,7 +169,7 @@ class Site:
         environment.globals.update(
             results=results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
             run_title=results.environment.get("results_folder") or results.folder.name, stamp=stamp(results),
-            facts=facts(results), packages=packages(results), nan=float("nan"), num=_num,
+            packages=packages(results), nan=float("nan"), num=_num,
             energy_kind=energy_kind, score_of=score, slug_of=lambda run: slugs[run.variant], term=term,
             related=lambda about: related.get(about, []), families=families(self.looks),
         )  # fmt: skip

@@ -11,7 +11,6 @@ from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.provenance import find_differences, stamp_of
 from ....harness.results.records import RunRecord
 from ...model.motion import upper
-from ...model.provenance import facts
 from ...model.results import Results, Run, group_by, read_results, slug
 from ...model.words import join_words, plural
 from ...plots.spec import Axis, Plot, Trace
@@ -48,7 +47,7 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
         inputs=find_differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
         unexplained=describe_unexplained(before, after, found, set.union(*unknown)),
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
-        both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_own_file(),
+        both=(a, b), beside=(site.folder / "index.html").is_own_file(),
         pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
     )  # fmt: skip
 
