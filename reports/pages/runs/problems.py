@@ -22,7 +22,6 @@ from ...plots.lines import EVER, lines_of
 from ...plots.palette import choose_focus
 from ...plots.work import work_chapter
 from ..base import Page, Site, read_judged
-from ..judged.orders import describe_drift
 from ..svg import sketch
 from .scenes import scene_of
 
@@ -109,7 +108,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         work=next((c for c in chapters if c.plots[0].x.log), None), measure=measure_for(variant.runs),
         first=next((p for c in chapters for p in c.plots if p.name == "energy"), None),
         drifts=[d for d in read_judged(results.folder, DRIFTS).found or () if d.variant == variant.title],
-        describe_drift=describe_drift, plots=[p for c in chapters for p in c.plots],
+        plots=[p for c in chapters for p in c.plots],
         left_out=len(variant.runs) - len(lines),
         bodies=max((m.bodies for m in motions.values()), default=0), until=judged_until(variant.runs), own=judged_own,
         sentence=best_and_worst(boxes), sketch=sketch_of(results, variant),
