@@ -6,13 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from ....harness.places import Place
-from ....harness.results.comparison import Comparison, Likeness, compare, is_repeatable
+from ....harness.results.comparison import Likeness, compare, is_repeatable
 from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.provenance import find_differences, stamp_of
-from ....harness.results.records import RunRecord
 from ...model.motion import upper
 from ...model.results import Results, Run, group_by, read_results, slug
-from ...model.words import join_words, plural
 from ...plots.spec import Axis, Plot, Trace
 from ..base import Page, Site, copy_assets, links_of, page_of, read_judged
 from . import ranking
@@ -38,17 +36,19 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
     """The page of the two results."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), changes(a, b)
-    unknown = ranking.find_unmeasured(before, after)
-    changed = {r.settings_id for rows in parts.values() for r in rows}
+    unmeasured = ranking.find_unmeasured(before, after)
+    known = [c for c in found.changes if c.metric not in set.union(*unmeasured)]
+    touched, changed = {c.case for c in known}, {c.case for c in known if c.likeness is Likeness.CHANGED}
+    linked = {r.settings_id for rows in parts.values() for r in rows}
     return site.write(
         Page("Comparison", "compare.html", nav=True, order=90), "compare.html", scripts=["assets/judgement.js"],
-        plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
-        unmeasured=[sorted(u) for u in unknown],
+        plots=overlays(a, b, parts), parts=parts, found=found, touched=touched, changed=changed,
+        limited=touched & {r.case for r in (*before, *after) if not is_repeatable(r)},
+        unmeasured=[sorted(u) for u in unmeasured],
         inputs=find_differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
-        unexplained=describe_unexplained(before, after, found, set.union(*unknown)),
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
         both=(a, b), beside=(site.folder / "index.html").is_own_file(),
-        pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
+        pages=_addresses(a, linked, site.folder) | _addresses(b, linked, site.folder),
     )  # fmt: skip
 
 
@@ -59,29 +59,6 @@ def changes(a: Results, b: Results) -> dict[Rank, list[Ranked]]:
     rows = [*ranking.endings(before, after), *ranking.claims(*verdicts), *ranking.physics(before, after),
             *ranking.work(before, after), *ranking.timings(before, after)]  # fmt: skip
     return group_by(rows, lambda r: r.rank)
-
-
-def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
-    """How many runs are the same bit for bit, and how many differ by rounding alone; but for ``unknown`` columns."""
-    known = [c for c in found.changes if c.metric not in unknown]
-    touched = {c.case for c in known}
-    changed = {c.case for c in known if c.likeness is Likeness.CHANGED}
-    return found.compared - len(touched), len(touched) - len(changed)
-
-
-def describe_unexplained(
-    before: Sequence[RunRecord], after: Sequence[RunRecord], found: Comparison, unknown: set[str]
-) -> str:
-    """Possible causes of changed runs where no input changed; names no cause where no run changed."""
-    touched = {c.case for c in found.changes if c.metric not in unknown}
-    if not touched:
-        alone = ", but there are runs in one of them only" if found.only_before or found.only_after else ""
-        return f"No input differs, and no result does{alone}."
-    limited = {r.case for r in (*before, *after) if not is_repeatable(r)} & touched
-    parts = [(limited, "a limit on time or memory ended {them}"), (touched - limited, "a solver is not deterministic")]
-    words = [f"{plural(len(own), 'run')}: {cause.format(them='it' if len(own) == 1 else 'them')} "
-             f"({join_words(sorted(own), 3)})" for own, cause in parts if own]  # fmt: skip
-    return f"No input differs, but results do. {'; '.join(words)}."
 
 
 def overlays(a: Results, b: Results, parts: Mapping[Rank, Sequence[Ranked]]) -> list[Plot]:

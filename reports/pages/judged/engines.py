@@ -104,7 +104,7 @@ def write(results: Results, site: Site) -> Page | None:
     if not found:
         return None
     plots = [_plot(c, site) for c in found]
-    shipped, tuned = sum(c.tally for c in found)
+    shipped, tuned = np.sum([c.tally for c in found], axis=0)
     within = f"within {decade(TARGET)} m or rad"
     title = f"As shipped, {shipped[0]} of {shipped[1]} come {within}; tuned, {tuned[0]} of {tuned[1]}"
     return site.write(

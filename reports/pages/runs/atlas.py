@@ -56,7 +56,7 @@ def groups(results: Results, looks: Mapping[str, Look]) -> dict[str, dict[str, A
     found = {c.record.run_id: autopsy(c, results.series(c, poses=False)) for c in stopped}
     out = {}
     for cause in CAUSES:
-        families = [
+        families: list[dict[str, Any]] = [
             {"runs": own, "evidence": found[own[0].record.run_id][1],
              "panels": zoom(own[0], results.series(own[0], poses=False), looks[own[0].record.solver].colour)}
             for own in families_of([c for c in stopped if found[c.record.run_id][0] == cause])
