@@ -160,6 +160,11 @@ class Results:
     def solvers(self) -> tuple[str, ...]:
         return tuple(sorted({c.record.solver for c in self.runs}))
 
+    @cached_property
+    def by_settings(self) -> dict[str, Run]:
+        """By settings_id."""
+        return {c.record.settings_id: c for c in self.runs}
+
     @property
     def plugins(self) -> list[str]:
         """Files and packages with problems or solvers that were not ours."""

@@ -226,28 +226,6 @@ def read_or_why(folder: Place, file: File[T], command: str) -> Judged[T]:
         return Judged(why=f"{error}. To make it anew: {command}")
 
 
-@dataclass(frozen=True)
-class Links:
-    """Runs by their settings_id."""
-
-    runs: Mapping[str, Run]
-
-    def words(self, key: str) -> str:
-        """The settings in words; a run that is not here keeps the head of its settings_id."""
-        run = self.runs.get(key)
-        return run.record.case if run else f"{key[:12]} (not in these results)"
-
-    def page(self, key: str) -> str:
-        """The address of its page, as seen from a page of the report; empty for a run that is not here."""
-        run = self.runs.get(key)
-        return page_of(run) if run else ""
-
-
-def links_of(runs: Sequence[Run]) -> Links:
-    """Links to the runs of these results."""
-    return Links({c.record.settings_id: c for c in runs})
-
-
 def page_of(run: Run) -> str:
     """The address of a run's page."""
     return f"runs/{run.record.run_id}.html"

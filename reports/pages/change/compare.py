@@ -12,7 +12,7 @@ from ....harness.results.provenance import find_differences, stamp_of
 from ...model.motion import upper
 from ...model.results import Results, Run, group_by, read_results, slug
 from ...plots.spec import Axis, Plot, Trace
-from ..base import Page, Site, copy_assets, links_of, page_of, read_judged
+from ..base import Page, Site, copy_assets, page_of, read_judged
 from . import ranking
 from .ranking import Rank, Ranked
 
@@ -24,7 +24,7 @@ def write_compare(a: Path, b: Path, folder: Place) -> Path:
     """Write ``compare.html`` with what it needs into ``folder``; returns its path."""
     both = read_results(a), read_results(b)
     copy_assets(folder, ASSETS)
-    known = links_of(both[1].runs).runs
+    known = both[1].by_settings
     everyone = (*both[1].runs, *(c for c in both[0].runs if c.record.settings_id not in known))
     site = Site(replace(both[1], runs=everyone), folder)  # solvers of either run have their colour
     write_page(*both, site)
@@ -63,7 +63,7 @@ def changes(a: Results, b: Results) -> dict[Rank, list[Ranked]]:
 
 def overlays(a: Results, b: Results, parts: Mapping[Rank, Sequence[Ranked]]) -> list[Plot]:
     """The energy errors of both runs, for the runs whose ending or motion changed, the most important first."""
-    runs = [links_of(results.runs).runs for results in (a, b)]
+    runs = [results.by_settings for results in (a, b)]
     wanted = dict.fromkeys(r.settings_id for rank in (Rank.ENDING, Rank.PHYSICS) for r in parts.get(rank, ()))
     taken: set[str] = set()
     plots = []

@@ -12,9 +12,9 @@ from ....harness.results.judgements.claims import Claim, Gap, MapRow, Value, Ver
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ...model import claim_words
 from ...model.claim_words import setting
-from ...model.results import Results, group_by, natural, slug
+from ...model.results import Results, Run, group_by, natural, slug
 from ...model.words import Mark, mark, number, unit
-from ..base import JUDGE, Links, Page, Site, links_of, read_judged_or_published, read_or_why
+from ..base import JUDGE, Page, Site, page_of, read_judged_or_published, read_or_why
 from ..svg import number_line
 
 AXES = ("tolerance", "gain")  # other dimensions make facets
@@ -33,7 +33,7 @@ VERDICTS: Mapping[Verdict, Mark] = {
 LISTED = 40  # runs beside the map
 
 
-def grids(rows: Sequence[MapRow], links: Links) -> list[dict[str, Any]]:
+def grids(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any]]:
     """One a facet, all with the same tolerances and gains, so that places can be compared.
 
     A row of boxes a gain, several boxes a tolerance where runs share a place (other frames, other cases).
@@ -46,7 +46,7 @@ def grids(rows: Sequence[MapRow], links: Links) -> list[dict[str, Any]]:
     for key, own in found.items():
         title = ", ".join(key[k] for k in varies if key[k]) or ", ".join(filter(None, key)) or "all settings"
         places = group_by(own, lambda m: (_text(m.at.get("gain")), _text(m.at.get("tolerance"))))
-        boxes = [[_place(places.get((g, t), ()), links) for t in tolerances] for g in gains]
+        boxes = [[_place(places.get((g, t), ()), here) for t in tolerances] for g in gains]
         out.append({"title": title, "tolerances": tolerances, "gains": gains, "rows": boxes})
     return sorted(out, key=lambda g: g["title"])
 
@@ -59,16 +59,16 @@ def state(m: MapRow) -> Mark:
     return HOLDS if m.holds else FAILED if stopped else NOT
 
 
-def _place(rows: Sequence[MapRow], links: Links) -> list[dict[str, Any]]:
+def _place(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any]]:
     """A box a run; one box for all of a place that many share. ``words`` are for hover, focus and screen readers."""
     out = []
     for m in rows:
-        here, run = state(m), links.runs.get(m.settings_id)
+        mark_of_it, run = state(m), here.get(m.settings_id)
         measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
         printed = ", as the paper prints it" if m.printed else ""
         name = f"{run.variant} {run.record.solver}" if run else m.case  # its page, place and facet have the settings
-        words = f"{name} – {here.word}{measured}, ended {mark(m.status).word}{printed}"
-        out.append({"mark": here, "words": words, "page": links.page(m.settings_id), "printed": m.printed})
+        words = f"{name} – {mark_of_it.word}{measured}, ended {mark(m.status).word}{printed}"
+        out.append({"mark": mark_of_it, "words": words, "page": page_of(run) if run else "", "printed": m.printed})
     if len(rows) <= MOST:
         return out
     holds, stopped = (sum(state(m) is kind for m in rows) for kind in (HOLDS, FAILED))
@@ -123,13 +123,13 @@ class Shown:
         return self.of.kind == "presentation"
 
 
-def claims_of(claims: Sequence[Claim], links: Links, published: Sequence[Claim] = ()) -> tuple[Shown, ...]:
+def claims_of(claims: Sequence[Claim], here: Mapping[str, Run], published: Sequence[Claim] = ()) -> tuple[Shown, ...]:
     """By section and figure, else in the order of the register; a claim that lacks runs here as it was published."""
     taken: set[str] = set()
     kept = {c.id: c for c in published}
     instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
     ordered = sorted((instead.get(c.id, c) for c in claims), key=lambda c: (natural(c.section), c.figure))
-    shown = (_show_claim(c, links, slug(c.id, taken)) for c in ordered)
+    shown = (_show_claim(c, here, slug(c.id, taken)) for c in ordered)
     return tuple(replace(s, published=True, grids=[], runs=()) if s.of.id in instead else s for s in shown)
 
 
@@ -179,7 +179,7 @@ def _first(c: Claim) -> str:
     return claim_words.format_measured(c.tests[0]) if c.tests else "nothing"
 
 
-def _show_claim(c: Claim, links: Links, anchor: str) -> Shown:
+def _show_claim(c: Claim, here: Mapping[str, Run], anchor: str) -> Shown:
     """With the runs that are not on the map, a few of them; those that are not in these results are counted."""
     line = None
     if c.tests:
@@ -187,19 +187,19 @@ def _show_claim(c: Claim, links: Links, anchor: str) -> Shown:
         low, high = (v if v is not None else end for v, end in zip(first.band, (-math.inf, math.inf), strict=True))
         line = number_line(first.measured, low, high, unit(first.unit), VERDICTS[c.verdict].kind, c.measured_range)
     rest = [k for k in c.settings_ids if k not in {m.settings_id for m in c.map}]
-    here = [k for k in rest if k in links.runs]
-    counted = (len(here) - LISTED, "more in these results"), (len(rest) - len(here), "not in these results")
-    runs = [(links.words(k), links.page(k)) for k in here[:LISTED]]
+    found = [here[k] for k in rest if k in here]
+    counted = (len(found) - LISTED, "more in these results"), (len(rest) - len(found), "not in these results")
+    runs = [(run.record.case, page_of(run)) for run in found[:LISTED]]
     runs += [(f"{n} {words}", "") for n, words in counted if n > 0]
-    solvers = sorted({links.runs[k].record.solver for k in c.settings_ids if k in links.runs})
-    return Shown(c, anchor, line, tuple(runs), tuple(solvers), grids(c.map, links))
+    solvers = sorted({here[k].record.solver for k in c.settings_ids if k in here})
+    return Shown(c, anchor, line, tuple(runs), tuple(solvers), grids(c.map, here))
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``claims.html``."""
-    links, found = links_of(results.runs), read_judged_or_published(results.folder, CLAIMS)
+    found = read_judged_or_published(results.folder, CLAIMS)
     published = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
-    claims = claims_of(found.found or (), links, published.found or ())
+    claims = claims_of(found.found or (), results.by_settings, published.found or ())
     if found.published:
         claims = tuple(replace(c, published=True, grids=[], runs=()) for c in claims)
     lacking = sum(c.published for c in claims)

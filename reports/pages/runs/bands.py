@@ -15,7 +15,7 @@ from ...model.heat import Heat
 from ...model.results import Results, Run, group_by, read_results
 from ...model.words import number, time
 from ...plots.palette import Look
-from ..base import JUDGE, links_of, read_judged_or_published, read_or_why
+from ..base import JUDGE, read_judged_or_published, read_or_why
 from ..judged.claims import Shown, claims_of, counts
 from ..svg import snapshot, ticks_on
 
@@ -77,7 +77,7 @@ def verdicts(results: Results) -> dict[str, Any] | None:
     """The paper's claims as judged by these results, else as published; None where there is neither."""
     found = read_judged_or_published(results.folder, CLAIMS)
     kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims that lack runs here
-    shown = [c for c in claims_of(found.found or (), links_of(results.runs), kept) if not c.presentation]
+    shown = [c for c in claims_of(found.found or (), results.by_settings, kept) if not c.presentation]
     if not shown:
         return None
     return {"counts": {m.word: k for m, k in counts(shown)}, "columns": group_by(shown, lambda c: c.section),

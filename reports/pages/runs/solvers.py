@@ -14,7 +14,7 @@ from ...model.heat import heat
 from ...model.results import Results, Run, by_solver, group_by, natural, text_of
 from ...model.scores import Score, broadest, groups_of, score, standings, themselves
 from ...model.words import decade, number, plural, time
-from ..base import Page, Site, links_of, read_judged_or_published
+from ..base import Page, Site, read_judged_or_published
 from ..judged import orders as judging
 from ..svg import badge
 
@@ -22,12 +22,11 @@ CHIPS = 8  # runs named in a row; the problem's page has all
 DRAWN = 6  # ladders of a solver that are drawn
 FILES: tuple[File[Any], ...] = (ORDERS, DRIFTS, SYMMETRIES, WRONG)  # judgements beyond one run, of all solvers
 QUANTITY = "position"  # whose order stands for a solver
-Fact = tuple[str, str, str, str]  # a line: its name and value, the value on the badge, the kind of mark that colours it
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``solvers.html``, and ``solver-<name>.html`` and ``badges/<name>.svg`` of every solver."""
-    label, links = broadest(results), links_of(results.runs)
+    label = broadest(results)
     plain = {p.title for p in themselves(results, label)}
     judged = [read_judged_or_published(results.folder, file) for file in FILES]
     picture = heat(results)
@@ -54,7 +53,7 @@ def write(results: Results, site: Site) -> Page | None:
             loud=[c for c in loud if c.record.solver == name],
             rows=[row for row in rows if row[2] and row[0].title in plain],
             apart=[row for row in rows if row[2] and row[0].title not in plain],
-            links=links, whys=[(j.why, j.published) for j in judged], certificates=certified,
+            whys=[(j.why, j.published) for j in judged], certificates=certified,
             drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))), judging=judging,
             checks=group_by(symmetries, lambda s: s.title), wrong=wrong, reason_words=words_of,
         )  # fmt: skip
@@ -74,58 +73,37 @@ def _options(runs: Sequence[Run]) -> dict[str, Score]:
 
 def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], followed: Sequence[Followed],
             costs: Sequence[Frontier]) -> dict[str, Any]:  # fmt: skip
-    """Facts about a solver at its default options, and the same as a badge; a line without a fact is left out."""
-    found = _order(solver, orders), _energy(solver, drifts), _followed(solver, followed), _cost(solver, costs)
-    facts = [f for f in found if f is not None]
-    drawn = badge(solver, [(name, short, kind) for name, _, short, kind in facts])
-    return {"solver": solver, "facts": facts, "badge": drawn}
+    """Facts about a solver at its default options, and the same as a badge; a line without a fact is left out.
 
-
-def _order(solver: str, orders: Sequence[Order]) -> Fact | None:
-    """Order of fixed steps at default options: the narrowest interval, and how many problems agree on the verdict."""
-    own = [o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY) and math.isfinite(o.low)]
-    if not own:
-        return None
-    best = min(own, key=lambda o: (o.against != "dt", o.verdict != "certified", o.high - o.low))
-    alike = sum(o.verdict == best.verdict for o in own)
-    value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f})"
-    on = f"{best.verdict} on {alike} of {plural(len(own), 'problem')}"
-    declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
-    return "order", f"{value}{declared}; {on}", f"{best.order:.2f}", judging.verdict_mark(best.verdict).kind
-
-
-def _energy(solver: str, drifts: Sequence[Drift]) -> Fact | None:
-    """Energy drift of the longest run at default options."""
-    own = [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]
-    if not own:
-        return None
-    d = max(own, key=lambda d: (d.periods, d.variant))
-    words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
-    over = f"over {plural(d.periods, 'period')}"
-    moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
-    return "energy", f"{words} {over} of {d.problem}{moved}", f"{words} {over}", judging.verdict_mark(d.verdict).kind
-
-
-def _followed(solver: str, followed: Sequence[Followed]) -> Fact | None:
-    """The problem on which the smallest part of the known motion is followed."""
-    own = [f for f in followed if f.run.record.solver == solver and f.known > 0.0]
-    if not own:
-        return None
-    whole = sum(f.whole for f in own)
-    least = min(own, key=lambda f: f.until / f.known)
-    all_of = f"{whole} of {plural(len(own), 'motion')} to the end of the reference"
-    if whole == len(own):
-        return "followed", all_of, f"{whole} of {len(own)}", "good"
-    words = f"least {least.run.variant}, {time(float(f'{least.until:.3g}'))} of {time(float(f'{least.known:.3g}'))} s"
-    return "followed", f"{all_of}; {words}", f"{whole} of {len(own)}", "failed"
-
-
-def _cost(solver: str, costs: Sequence[Frontier]) -> Fact | None:
-    """Relative to the cheapest at one error: the mean ratio over the problems on which it gets there."""
-    factors = [p.factor for f in costs for p in f.places if p.run.record.solver == solver]
-    if not factors:
-        return None
-    mean = math.exp(sum(map(math.log, factors)) / len(factors))
-    ratio = f"×{number(mean, 2)}"
-    value = f"{ratio} the cheapest at {decade(costs[0].target)}, reached on {len(factors)} of "
-    return "cost", value + plural(len(costs), "problem"), ratio, "good" if mean < 3.0 else "refused"
+    The order of fixed steps with the narrowest interval, and how many problems agree on its verdict; the energy drift
+    of the longest run; the motion of which the smallest part is followed; the mean ratio to the cheapest at one error.
+    A fact is its name and value, the value on the badge, and the kind of mark that colours it.
+    """
+    facts: list[tuple[str, str, str, str]] = []
+    if own := [
+        o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY) and math.isfinite(o.low)
+    ]:
+        best = min(own, key=lambda o: (o.against != "dt", o.verdict != "certified", o.high - o.low))
+        declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
+        on = f"{best.verdict} on {sum(o.verdict == best.verdict for o in own)} of {plural(len(own), 'problem')}"
+        value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f}){declared}; {on}"
+        facts.append(("order", value, f"{best.order:.2f}", judging.verdict_mark(best.verdict).kind))
+    if long := [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]:
+        d = max(long, key=lambda d: (d.periods, d.variant))
+        words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
+        over = f"{words} over {plural(d.periods, 'period')}"
+        moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
+        facts.append(("energy", f"{over} of {d.problem}{moved}", over, judging.verdict_mark(d.verdict).kind))
+    if motions := [f for f in followed if f.run.record.solver == solver and f.known > 0.0]:
+        whole, least = sum(f.whole for f in motions), min(motions, key=lambda f: f.until / f.known)
+        value = f"{whole} of {plural(len(motions), 'motion')} to the end of the reference"
+        if whole < len(motions):
+            until, known = (time(float(f"{v:.3g}")) for v in (least.until, least.known))
+            value += f"; least {least.run.variant}, {until} of {known} s"
+        facts.append(("followed", value, f"{whole} of {len(motions)}", "good" if whole == len(motions) else "failed"))
+    if factors := [p.factor for f in costs for p in f.places if p.run.record.solver == solver]:
+        mean = math.exp(sum(map(math.log, factors)) / len(factors))
+        ratio, on = f"×{number(mean, 2)}", f"{len(factors)} of {plural(len(costs), 'problem')}"
+        value = f"{ratio} the cheapest at {decade(costs[0].target)}, reached on {on}"
+        facts.append(("cost", value, ratio, "good" if mean < 3.0 else "refused"))
+    return {"solver": solver, "facts": facts, "badge": badge(solver, [(f[0], *f[2:]) for f in facts])}

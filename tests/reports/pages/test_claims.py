@@ -14,13 +14,12 @@ from mbsbench.reports.model.claim_words import (
     describe_missing,
     format_measured,
 )
-from mbsbench.reports.pages.base import links_of
 from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
 from mbsbench.reports.pages.svg import describe_bar, number_line, scale_for
 
 from . import synthetic
 
-NONE = links_of([])
+NONE = {}
 
 
 def rows():
