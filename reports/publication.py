@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
 
 from ..harness.places import Place
-from .model.accuracy import measure_for
-from .model.heat import heat
+from .model.accuracy import LEVELS, measure_for
+from .model.heat import Heat, heat
 from .model.motion import motion_of
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
-from .plots.heatmap import heat_figure
 from .plots.laws import Drawing, laws
 from .plots.lines import all_lines, shared_options
 from .plots.palette import looks
 from .plots.printed import figure
 from .plots.spec import Plot, Trace
-from .plots.style import DOUBLE, SINGLE, save
+from .plots.style import DOUBLE, INK, MUTED, PAPER, SINGLE, plain, save, sheet
 from .plots.work import list_points, work_plots
 from .tried import render_file
 
@@ -42,6 +42,9 @@ WORK = (
     "dotted line."
 )
 Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, what is shown, width [in], how it is drawn
+COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
+ROW, HEAD = 0.25, 0.75  # [in]
+SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "open": "not finished", "refused": "refused"}
 
 
 def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
@@ -120,4 +123,31 @@ def parts(runs: Sequence[Run]) -> list[list[Run]]:
         if out[-1] and len(out[-1]) + len(own) > MOST:
             out.append([])
         out[-1] += own
+    return out
+
+
+def heat_figure(heat: Heat) -> Figure:
+    """One row a solver, one column a problem; the number is the margin."""
+    out = sheet(DOUBLE, ROW * len(heat.rows) + HEAD)
+    ax = out.add_subplot()
+    for y, row in enumerate(heat.rows):
+        for x, box in enumerate(row.boxes):
+            colour = PAPER if box is None else "#ece9e6" if box.level is None else COLOURS[box.level]
+            ax.add_patch(Rectangle((x, y), 1.0, 1.0, facecolor=colour, edgecolor=PAPER, linewidth=1.0))
+            if box is not None:
+                loud = box.level == len(LEVELS)
+                words = plain(f"{SIGNS[box.mark.kind]}{box.text}")
+                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=7, color=PAPER if loud else INK)
+    ax.set(xlim=(0, len(heat.problems)), ylim=(len(heat.rows), 0))
+    columns, rows = (np.arange(len(of)) + 0.5 for of in (heat.problems, heat.rows))
+    heads = ([plain(w) for w in (p.problem.replace("_", " "), p.parameters) if w] for p in heat.problems)
+    ax.set_xticks(columns, ["\n".join(w.replace(" ", "\n", (len(w) - 1) // 14) for w in words) for words in heads])
+    names = ["\n".join(plain(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
+    ax.set_yticks(rows, names, fontsize=7)
+    ax.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+    ax.spines[:].set_visible(False)
+    ax.grid(visible=False)
+    edges = [*(f"≤ {edge:g}" for edge in LEVELS), "more"]
+    keys = [Patch(facecolor=c, edgecolor=MUTED, linewidth=0.4, label=e) for c, e in zip(COLOURS, edges, strict=True)]
+    out.legend(handles=keys, loc="outside lower center", ncols=len(keys), title="error / limit", handlelength=1.0)
     return out

@@ -12,9 +12,9 @@ from mbsbench.harness.types import Law
 from mbsbench.reports.model import motion as curves
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import Run, read_results
+from mbsbench.reports.pages.judged.cost import growths
 from mbsbench.reports.plots import palette, style
 from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
-from mbsbench.reports.plots.growth import growths
 from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, limit, observables
 from mbsbench.reports.plots.lines import MOST, lines_of, traces
 from mbsbench.reports.plots.printed import Legend, figure

@@ -11,7 +11,7 @@ from mbsbench.harness.results.series import Series
 from mbsbench.reports.model.accuracy import measure_for
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
-from mbsbench.reports.plots.growth import growth, growths
+from mbsbench.reports.pages.judged.cost import growth, growths
 from mbsbench.reports.plots.laws import errors, invariants, laws, observables
 from mbsbench.reports.plots.work import list_points, profile_plot, work_plots
 

@@ -1,7 +1,7 @@
 """All that one theatre page plays, as plain data: cast, poses, shapes, strips, moments to jump to."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +10,9 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from ....harness.results.series import Series
-from ...model.results import Results, Run, Variant, by_solver
+from ...model.results import Results, Run, Variant, by_solver, group_by
 from ...plots.palette import Look
-from . import poses as packing
-from .cast import cast
+from ..theatre import poses as packing
 from .poses import Box, Poses, box_of, enough, fill, finite, off, round_mantissa, thin_poses
 from .shapes import Shape, ends, ground_points, shapes_of
 from .strips import EVENTS, SPANS, marks_of, select_known, strips_of
@@ -27,6 +26,14 @@ VIEWS = 60  # poses from which the camera's box is taken
 FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
 LONG = 3000  # [rows] of a series that needs the finer strips
 FLAT = 0.02  # motion this thin, compared with its width, is planar
+AT_MOST = 10  # of one mechanism; more only where more solvers fail, so that each failure is seen
+SOUND = 3  # the best, the middle and the worst
+RULE = (
+    "The best, the middle and the worst of the runs that succeeded by their energy error, of each solver the one with "
+    "the fewest options, then the finest; then of each solver one that is wrong or stopped; then those of the others "
+    "that succeeded, and the rest, failures first. "
+    "Settings that differ only in their label or in the number of steps allowed are shown once."
+)
 
 
 @dataclass(frozen=True)
@@ -181,3 +188,54 @@ def _trail(lead: Player, shapes: Sequence[Shape]) -> dict[str, Any]:
             if way > best * (1.0 + 1e-6):
                 best, body, at = way, k, end
     return {"body": body, "at": at.tolist()}
+
+
+def cast(variant: Variant, moved: Sequence[str], at_most: int = AT_MOST) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
+    """The runs that play and those left out; ``moved`` are ids of runs with poses. The first is the solid one.
+
+    The first is one that succeeded, with the fewest options and then the least energy drift.
+    """
+    can = [c for c in variant.runs if c.record.run_id in set(moved)]
+    failing = {c.record.solver for c in can if not c.succeeded}
+    at_most += max(len(failing) - (AT_MOST - SOUND), 0)
+    chosen: list[Run] = []
+    for run in _order(can):
+        if len(chosen) < at_most and all(_setting(run) != _setting(other) for other in chosen):
+            chosen.append(run)
+    chosen.sort(key=_soundness)
+    return tuple(chosen), tuple(c for c in variant.runs if c not in chosen)
+
+
+def _order(can: Sequence[Run]) -> Iterator[Run]:
+    """All of ``can``, the most telling first; some more than once."""
+
+    def plainest(c: Run) -> tuple[bool, int, float]:
+        return (not c.succeeded, len(c.options), c.step_or_tolerance)
+
+    def broke(c: Run) -> tuple[bool, bool, float]:
+        return (not c.stopped, c.succeeded, c.step_or_tolerance)
+
+    def label(c: Run) -> tuple[str, str]:
+        return c.record.label, c.record.solver
+
+    by_name = sorted(can, key=lambda c: c.record.solver)
+    firsts = [min(own, key=plainest) for own in by_solver(by_name).values()]
+    known = set(map(label, firsts))
+    sound = sorted((c for c in firsts if c.succeeded), key=_soundness)
+    yield from (sound[k] for k in (0, len(sound) // 2, -1) if sound)
+    yield from (min(own, key=broke) for own in by_solver(c for c in by_name if not c.succeeded).values())
+    yield from firsts
+    by_label = group_by(sorted(can, key=label), label).items()
+    yield from (min(own, key=broke) for name, own in by_label if name not in known)
+    yield from sorted(can, key=broke)
+
+
+def _setting(c: Run) -> tuple[str, ...]:
+    """Its settings, but for the label and the largest number of steps."""
+    r = c.record
+    return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
+
+
+def _soundness(c: Run) -> tuple[bool, int, float, str]:
+    drift = c.record.energy_drift_max_J
+    return (not c.succeeded, len(c.options), drift if drift == drift else float("inf"), c.record.run_id)

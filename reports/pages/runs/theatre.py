@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ...mechanism.theatre.cast import RULE
-from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
+from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, RULE, players, scene
 from ...model.results import Results, Variant
 from ...model.scores import broadest, same_motion, themselves
 from ..base import Page, Site
