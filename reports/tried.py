@@ -18,8 +18,7 @@ from ..harness.results.judgements.runs import Order
 from .model.accuracy import list_followed, measure_for
 from .model.frontier import frontiers, of_most_problems
 from .model.motion import motion_of
-from .model.provenance import stamp
-from .model.results import Results, group_by, read_results
+from .model.results import Results, group_by, read_results, stamp
 from .pages.judged.orders import by_case, fit_of, ladders
 from .pages.runs.solvers import card_of
 from .plots.laws import Drawing, laws

@@ -25,6 +25,8 @@ from ...harness.types import Status
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
+UNKNOWN = "not recorded"
+STAMPED = ("numpy", "scipy")  # packages of the line
 
 
 def _unpack_column(column: str) -> cached_property[Mapping[str, Any]]:
@@ -240,3 +242,17 @@ def slug(title: str, taken: set[str]) -> str:
     name = next(name for name in names if name.lower() not in taken)
     taken.add(name.lower())
     return name
+
+
+def stamp(results: Results) -> str:
+    """Commit, dirty flag, versions, machine."""
+    e, versions = results.environment, dict(packages(results))
+    known = [f"Python {e.get('python') or UNKNOWN}", *(f"{k} {versions[k]}" for k in STAMPED if k in versions)]
+    commit = str(e.get("commit") or UNKNOWN)[:12] + (" with uncommitted changes (dirty)" if e.get("dirty") else "")
+    return f"Commit {commit}; {', '.join(known)}; {e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores."
+
+
+def packages(results: Results) -> list[tuple[str, str]]:
+    """Every recorded package."""
+    found = results.environment.get("packages")
+    return sorted((str(k), str(v)) for k, v in found.items()) if isinstance(found, dict) else []

@@ -48,8 +48,7 @@ from ..model import words
 from ..model.accuracy import energy_kind
 from ..model.frontier import Frontier, frontiers
 from ..model.glossary import term
-from ..model.provenance import packages, stamp
-from ..model.results import Results, Run, Variant, group_by, slug
+from ..model.results import Results, Run, Variant, group_by, packages, slug, stamp
 from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
 from ..plots.palette import Look, families, looks

@@ -10,8 +10,18 @@ from msgspec.structs import replace
 from mbsbench.harness.places import Place
 from mbsbench.harness.results.judgements.claims import Finding, Verdict
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.change.compare import changes, write_compare
-from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, find_unmeasured, physics, timings, work
+from mbsbench.reports.pages.change.compare import (
+    Rank,
+    apart,
+    changes,
+    claims,
+    endings,
+    find_unmeasured,
+    physics,
+    timings,
+    work,
+    write_compare,
+)
 
 from ..conftest import HOSTILE, because, every_kind, put, record, series
 from ..outline import Outline, opened
