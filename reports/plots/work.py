@@ -85,20 +85,13 @@ def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
     return Chapter("Work against error", NOTE, tuple(plots.values())) if plots else None
 
 
-def work_plots(
-    name: str,
-    points: Sequence[Point],
-    measure: Measure | None,
-    pairs: Sequence[tuple[str, str]] = PAIRS,
-    *,
-    folded: bool = False,
-    front: bool = False,
-) -> dict[str, Plot]:
+def work_plots(name: str, points: Sequence[Point], measure: Measure | None, pairs: Sequence[tuple[str, str]] = PAIRS,
+               *, folded: bool = False, front: bool = False) -> dict[str, Plot]:  # fmt: skip
     """By ``<error>-<work>``, of the runs of one variant; pairs that no run has are left out.
 
     ``folded`` puts short ladders with options together, a trace a solver, and hides what is neither default nor best;
     ``front`` adds the Pareto front.
-    """  # fmt: skip
+    """
     out = {}
     for error, work in pairs:
         own = [p for p in points if p.drawable(error, work)]

@@ -20,7 +20,7 @@ from mbsbench.reports.mechanism.stage import FRAMES
 from mbsbench.reports.model.accuracy import margin
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number, seconds
-from mbsbench.reports.pages.runs.bands import ENGINES
+from mbsbench.reports.pages.runs.overview import ENGINES
 
 from .browser import OVERFLOW
 from .conftest import because, put, record

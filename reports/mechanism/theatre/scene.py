@@ -14,8 +14,7 @@ from ...model.results import Results, Run, Variant, by_solver, group_by
 from ...plots.palette import Look
 from ..theatre import poses as packing
 from .poses import Box, Poses, box_of, enough, fill, finite, off, round_mantissa, thin_poses
-from .shapes import Shape, ends, ground_points, shapes_of
-from .strips import EVENTS, SPANS, marks_of, select_known, strips_of
+from .shapes import EVENTS, SPANS, Shape, ends, ground_points, marks_of, select_known, shapes_of, strips_of
 
 POSE_BYTES = 4_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four

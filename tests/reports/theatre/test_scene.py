@@ -5,8 +5,7 @@ import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses
 from mbsbench.reports.mechanism.theatre.scene import players, scene
-from mbsbench.reports.mechanism.theatre.shapes import shapes_of
-from mbsbench.reports.mechanism.theatre.strips import STRIPS, marks_of, strip, strips_of
+from mbsbench.reports.mechanism.theatre.shapes import STRIPS, marks_of, shapes_of, strip, strips_of
 from mbsbench.reports.model.results import Run
 from mbsbench.reports.pages.runs.theatre import fair
 
