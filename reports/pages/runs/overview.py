@@ -24,7 +24,7 @@ from ..base import JUDGE, Page, Site, read_judged_or_published, read_or_why
 from ..judged import cost
 from ..judged.claims import Shown, claims_of, counts
 from ..svg import snapshot, ticks_on
-from .scenes import one_a_problem
+from .problems import one_a_problem
 
 PANELS = 6
 STRIP = 60  # spans of time in the energy strip of a cell
