@@ -38,10 +38,6 @@ class Mechanism:
         """Points of the joints in space, frame ``k``."""
         return self._place(k, self.joint_body, self.joint_at)
 
-    def frame(self, t: float) -> int:
-        """The frame nearest to time ``t``."""
-        return int(np.argmin(np.abs(self.t - t)))
-
     @property
     def size(self) -> float:
         """[m] largest extent over all frames, at least one body."""

@@ -199,13 +199,13 @@ class Judged(Generic[T]):
     published: str = ""
 
 
-def read_judged_or_published(results: Path, file: File[T], published: Place = PUBLISHED) -> Judged[T]:
+def read_judged_or_published(results: Path, file: File[T]) -> Judged[T]:
     """The same; where these results have no judgement, or allow none, that of the published ones."""
     own = read_judged(results, file)
     broken = own.found is None and (Place(results) / files.FOLDER / f"{file.name}.json").is_there()
     if own.found or broken:
         return own
-    kept = read_or_why(published, file, f"{JUDGE} --publish")
+    kept = read_or_why(PUBLISHED, file, f"{JUDGE} --publish")
     why = own.why or "These results hold no runs to judge it from."
     return Judged(kept.found, published=why) if kept.found else own
 

@@ -86,12 +86,12 @@ def log_axis(ax: Axes, which: str = "y") -> None:
     axis.set_minor_formatter(Powers(labelOnlyBase=False))
 
 
-def mark_end(ax: Axes, end: str, x: float, y: float, colour: str, run: str = "") -> None:
+def mark_end(ax: Axes, end: str, x: float, y: float, colour: str) -> None:
     """A star where a run stopped early (``failed``), a cross where it is ``wrong``; nothing for a success."""
     if end:
         symbol, size, name = ("*", 10.0, "star") if end == "failed" else ("X", 6.5, "cross")
         ax.plot([x], [y], symbol, color=colour, markersize=size, markeredgecolor=INK, markeredgewidth=0.6, zorder=6,
-                clip_on=False, gid=f"{name}-{run}")  # fmt: skip
+                clip_on=False, gid=f"{name}-")  # fmt: skip
 
 
 def plain(text: str) -> str:
