@@ -11,18 +11,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..harness.places import Place
-from .model.accuracy import LEVELS, measure_for
+from .model.accuracy import LEVELS
 from .model.heat import Heat, heat
-from .model.motion import motion_of
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
-from .plots.laws import Drawing, laws
-from .plots.lines import all_lines, shared_options
+from .plots.laws import draw_runs, laws
 from .plots.palette import looks
 from .plots.printed import figure
 from .plots.spec import Plot, Trace
 from .plots.style import DOUBLE, INK, MUTED, PAPER, SINGLE, plain, save, sheet
-from .plots.work import list_points, work_plots
+from .plots.work import plots_of
 from .tried import render_file
 
 FOLDER = "publication"
@@ -84,23 +82,21 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
 def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
     """Work against error of all runs; then of every label the laws, each alone and together."""
     own = looks(results.solvers)
-    work = work_plots("work", list_points(variant), measure_for(variant.runs)) if len(variant.runs) >= LEAST else {}
-    if work:
-        yield (f"{variant.slug}-work", f"{variant.title}: work against error. {WORK}", DOUBLE,
-               partial(figure, list(work.values()), own, height=2.3))  # fmt: skip
+    if len(variant.runs) >= LEAST and (work := plots_of(variant)):
+        caption = f"{variant.title}: work against error. {WORK}"
+        yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():
         if len(runs) > MAP:
             continue
-        motions = {c.record.run_id: motion_of(c, results.readable_series(c)) for c in runs}
         for part in parts(runs):
             base = slug(f"{variant.slug}-{label or 'all'}", taken)
-            lines = all_lines(part, shared_options(part))
-            chapter = laws(Drawing(variant.runs, lines, motions))
+            drawing = draw_runs(results, part, variant.runs)
+            chapter = laws(drawing)
             plots = {p.name: p for p in chapter.plots} if chapter else {}
             empty = np.zeros(0)
             unseen = [Trace(k.words, empty, empty, solver=k.run.record.solver, who=k.who, dash=k.dash)
-                      for k in lines if not motions[k.run.record.run_id].moved]  # fmt: skip
+                      for k in drawing.lines if not drawing.motions[k.run.record.run_id].moved]  # fmt: skip
             draw = partial(figure, looks=own, unseen=unseen)
             title = f"{variant.title}, {label or 'all runs'}"
             for name, panels in ALONE.items():

@@ -15,19 +15,17 @@ from ..harness.files import write_text
 from ..harness.places import Place
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
-from .model.accuracy import list_followed, measure_for
+from .model.accuracy import list_followed
 from .model.frontier import frontiers, of_most_problems
-from .model.motion import motion_of
 from .model.results import Results, group_by, read_results, stamp
 from .pages.judged.orders import by_case, fit_of, ladders
 from .pages.runs.solvers import card_of
-from .plots.laws import Drawing, laws
-from .plots.lines import all_lines, shared_options
+from .plots.laws import draw_runs, laws
 from .plots.palette import Look, looks
 from .plots.printed import figure
 from .plots.spec import Plot, Trace
 from .plots.style import save
-from .plots.work import list_points, work_plots
+from .plots.work import plots_of
 
 TEMPLATES = Path(__file__).parent / "templates"
 QUANTITIES = ("position", "orientation", "energy", "reaction")
@@ -64,16 +62,11 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[dict[str, str
             words = "observed order: error against step with the fitted line; dashed, the declared order."
             yield chart(f"{title}: {words}", plots)
     for run in (r for r in results.runs if r.record.label == "long"):
-        motions = {run.record.run_id: motion_of(run, results.readable_series(run))}
-        found = laws(Drawing([run], all_lines([run], shared_options([run])), motions))
-        if found:
+        if found := laws(draw_runs(results, [run], [run])):
             yield chart(f"Over {run.record.t_reached_s:g} s of {run.variant}.", found.plots)
     for variant in results.variants:
-        runs = variant.labels().get("ladder", ())
-        if runs:
-            points = list_points(replace(variant, runs=runs))
-            if plots := list(work_plots("work", points, measure_for(runs)).values()):
-                yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
+        if (runs := variant.labels().get("ladder", ())) and (plots := plots_of(replace(variant, runs=runs))):
+            yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
 
 
 def _orders(orders: Sequence[Order]) -> list[Plot]:

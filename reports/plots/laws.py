@@ -9,10 +9,10 @@ import numpy as np
 from ...harness.results.records import RunRecord
 from ...harness.types import ALLOWED, Law, Status
 from ..model.accuracy import judged_until
-from ..model.motion import SPANS_UPPER, Curve, Motion, log_limits, span
-from ..model.results import Run
+from ..model.motion import SPANS_UPPER, Curve, Motion, log_limits, motion_of, span
+from ..model.results import Results, Run
 from ..model.words import number, time, unit
-from .lines import Line, traces
+from .lines import Line, all_lines, shared_options, traces
 from .palette import MOST
 from .spec import Axis, Chapter, Plot, Trace
 
@@ -100,6 +100,12 @@ class Drawing:
             axis = replace(axis, log=True, low=low, high=high)
             yield Plot(name, title, caption, t or self.axis, axis, [*own, *extra], focus=focus if self.focus else (),
                        finding=finding if found else "")  # fmt: skip
+
+
+def draw_runs(results: Results, runs: Sequence[Run], among: Sequence[Run]) -> Drawing:
+    """Every run of ``runs`` as a line; ``among`` are all runs of the problem."""
+    motions = {c.record.run_id: motion_of(c, results.readable_series(c)) for c in runs}
+    return Drawing(among, all_lines(runs, shared_options(runs)), motions)
 
 
 def laws(d: Drawing) -> Chapter | None:

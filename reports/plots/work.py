@@ -81,8 +81,13 @@ def list_points(
 
 def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
     """All runs of a problem; None when none has both work and an error."""
-    plots = work_plots("work", list_points(variant, url), measure_for(variant.runs), front=True)
-    return Chapter("Work against error", NOTE, tuple(plots.values())) if plots else None
+    plots = plots_of(variant, url, front=True)
+    return Chapter("Work against error", NOTE, tuple(plots)) if plots else None
+
+
+def plots_of(variant: Variant, url: Callable[[Run], str] = lambda run: "", *, front: bool = False) -> list[Plot]:
+    """Error against work of all runs, for each kind of both that some run has."""
+    return list(work_plots("work", list_points(variant, url), measure_for(variant.runs), front=front).values())
 
 
 def work_plots(name: str, points: Sequence[Point], measure: Measure | None, pairs: Sequence[tuple[str, str]] = PAIRS,
