@@ -29,8 +29,8 @@ from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.model.scores import broadest
 from mbsbench.reports.model.words import join_words, number, seconds
 from mbsbench.reports.pages.runs.overview import ENGINES, false_successes
-from mbsbench.reports.plots.palette import looks
-from mbsbench.reports.plots.style import save
+from mbsbench.reports.plots.printed import save
+from mbsbench.reports.plots.spec import looks
 from mbsbench.reports.publication import figures_of
 
 LABEL, PROBLEM, ENERGY = "recommended", "chain", "chain-recommended-energy"

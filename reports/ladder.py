@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..harness.ladder.ranking import TARGET, Row
-from .plots.palette import looks
-from .plots.spec import Axis, Plot, Trace
+from .plots.spec import Axis, Plot, Trace, looks
 from .tried import draw_chart, write_file
 
 

@@ -16,10 +16,8 @@ from .model.heat import Heat, heat
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
 from .plots.laws import draw_runs, laws
-from .plots.palette import looks
-from .plots.printed import figure
-from .plots.spec import Plot, Trace
-from .plots.style import DOUBLE, INK, MUTED, PAPER, SINGLE, plain, save, sheet
+from .plots.printed import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, sheet
+from .plots.spec import Plot, Trace, looks
 from .plots.work import plots_of
 from .tried import render_file
 

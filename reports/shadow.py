@@ -9,8 +9,7 @@ from ..harness.results import environment
 from ..harness.results.findings import Finding
 from ..harness.shadow.findings import nearest_of
 from ..harness.shadow.shadow import Shadow
-from .plots.palette import Look
-from .plots.spec import Axis, Plot, Trace
+from .plots.spec import Axis, Look, Plot, Trace
 from .tried import draw_chart, write_file
 
 COLOURS = ("#3D62C7", "#62AF96", "#E08906", "#BB3939", "#A499CF")  # of as many bodies

@@ -21,10 +21,8 @@ from .model.results import Results, group_by, read_results, stamp
 from .pages.judged.orders import by_case, fit_of, ladders
 from .pages.runs.solvers import card_of
 from .plots.laws import draw_runs, laws
-from .plots.palette import Look, looks
-from .plots.printed import figure
-from .plots.spec import Plot, Trace
-from .plots.style import save
+from .plots.printed import figure, save
+from .plots.spec import Look, Plot, Trace, looks
 from .plots.work import plots_of
 
 TEMPLATES = Path(__file__).parent / "templates"

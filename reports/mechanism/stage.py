@@ -13,7 +13,7 @@ from ...harness.results.series import Series
 from ..model.accuracy import Measure
 from ..model.results import Results, Run
 from ..plots.browser import Steps
-from ..plots.palette import Look
+from ..plots.spec import Look
 from .segments import Mechanism, flat, mechanism_of, view_of
 from .theatre.poses import Poses, finite, interpolate_poses
 from .theatre.scene import player_of, stored_exact

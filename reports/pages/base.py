@@ -51,8 +51,7 @@ from ..model.glossary import term
 from ..model.results import Results, Run, Variant, group_by, packages, slug, stamp
 from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
-from ..plots.palette import Look, families, looks
-from ..plots.spec import Plot
+from ..plots.spec import Look, Plot, families, looks
 
 SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent

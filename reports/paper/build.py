@@ -11,10 +11,8 @@ from matplotlib.ticker import MaxNLocator
 
 from ...harness.places import Place
 from ..model.results import Results, read_results
-from ..plots.palette import Look, looks
-from ..plots.printed import Legend, label, panel
-from ..plots.spec import Plot, Trace
-from ..plots.style import DOUBLE, MUTED, SINGLE, SUFFIXES, plain, save, sheet
+from ..plots.printed import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, sheet
+from ..plots.spec import Look, Plot, Trace, looks
 from .captions import FOLDER, Caption, caption, write
 from .catalogue import FIGURES, Panel, PaperFigure, Sketch
 from .lines import Asked, Line, choose, plot_of, records_of

@@ -1,4 +1,7 @@
-"""The panels of a figure as plots: the chosen runs' series in a window, and the exact motion in ink."""
+"""The panels of a figure as plots: the chosen runs' series in a window, and the exact motion in ink.
+
+A run that a figure asks for and that is not in the results stays in the list, to be named.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -188,7 +191,7 @@ def records_of(lines: Sequence[Line]) -> list[RunRecord]:
 
 def limits_of(panel: Panel, records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve],
               exact: Curve | None) -> tuple[float, float]:  # fmt: skip
-    """Lowest and highest value shown."""
+    """Lowest and highest value shown: of all that was recorded, unless one line would hide the others."""
     size = _largest(records, "length_scale_m", 1.0)
     if not drawn:
         return (1e-3, 1.0) if panel.axis.log else (0.0, 1.0)

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from ...harness.results.series import Series
 from ..mechanism.segments import Mechanism, mechanism_of
-from ..plots.style import INK, MUTED
+from ..plots.printed import INK, MUTED
 
 BODY = "#c9d3dd"
 Point = Float[np.ndarray, " 3"]

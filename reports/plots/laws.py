@@ -13,8 +13,7 @@ from ..model.motion import SPANS_UPPER, Curve, Motion, log_limits, motion_of, sp
 from ..model.results import Results, Run
 from ..model.words import number, time, unit
 from .lines import Line, all_lines, shared_options, traces
-from .palette import MOST
-from .spec import Axis, Chapter, Plot, Trace
+from .spec import MOST, Axis, Chapter, Plot, Trace
 
 BLOWN_UP = 1e-9  # a reference smaller than this part of what is shown is zero: it gives no scale
 LIMITS: Mapping[Law, tuple[str, Callable[[RunRecord], float]]] = {

@@ -14,8 +14,7 @@ from ..model.frontier import SOUND
 from ..model.frontier import least as cheapest
 from ..model.results import Run, Variant, group_by
 from ..model.words import decade, number, seconds
-from .palette import choose_focus
-from .spec import Axis, Chapter, Plot, Trace, end_of
+from .spec import Axis, Chapter, Plot, Trace, choose_focus, end_of
 
 WORKS = {  # words and unit
     "index1": ("index-1 evaluations", ""), "operations": ("evaluations and factorisations", ""),

@@ -216,7 +216,7 @@ ELSEWHERE = {
     "reports/model/tables.py": ("read_text", "our own columns"),
     "reports/paper/catalogue.py": ("read_text", "our own figures"),
     "reports/pages/base.py": ("read_bytes", "our own assets"),
-    "reports/plots/palette.py": ("glob", "our own catalogue"),
+    "reports/plots/spec.py": ("glob", "our own catalogue"),
     "reports/site.py": ("iterdir", "our own assets"),
     "reports/tried.py": ("read_bytes write_text", "a temporary folder, and the page that the user named"),
 }

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ....harness.results.series import Series
 from ...model.results import Results, Run, Variant, by_solver, group_by
-from ...plots.palette import Look
+from ...plots.spec import Look
 from ..theatre import poses as packing
 from .poses import Box, Poses, box_of, enough, fill, finite, off, round_mantissa, thin_poses
 from .shapes import EVENTS, SPANS, Shape, ends, ground_points, marks_of, select_known, shapes_of, strips_of

@@ -16,7 +16,7 @@ from ....harness.types import Status
 from ...model.results import Results, Run, by_solver, group_by
 from ...model.scores import Score, score
 from ...model.words import claim_success, number, plural
-from ...plots.palette import Look
+from ...plots.spec import Look
 from ..base import Page, Site
 from ..svg import panel
 

@@ -18,8 +18,7 @@ from ...model.results import Results, Run, group_by, read_results
 from ...model.scores import broadest, mechanisms, unpredictable
 from ...model.words import number, seconds, time
 from ...plots.browser import Steps
-from ...plots.palette import Look
-from ...plots.spec import Plot
+from ...plots.spec import Look, Plot
 from ..base import JUDGE, Page, Site, read_judged_or_published, read_or_why
 from ..judged import cost
 from ..judged.claims import Shown, claims_of, counts

@@ -22,7 +22,7 @@ from ...model.scores import broadest, groups_of, mechanisms, themselves, unpredi
 from ...model.words import mark, number, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of
-from ...plots.palette import choose_focus
+from ...plots.spec import choose_focus
 from ...plots.work import work_chapter
 from ..base import Page, Site, read_judged
 from ..svg import sketch

@@ -11,7 +11,7 @@ from mbsbench.harness.types import Law, Reason
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.pages.runs.atlas import CAUSES, autopsy, group_broken, groups, survival, title, usual_step, zoom
 from mbsbench.reports.pages.svg import ticks
-from mbsbench.reports.plots.palette import looks
+from mbsbench.reports.plots.spec import looks
 
 from ..conftest import put, record, series
 

@@ -16,8 +16,8 @@ from mbsbench.reports.model.claim_words import band
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.paper import build, captions, lines
 from mbsbench.reports.paper.catalogue import FIGURES
-from mbsbench.reports.plots import palette
-from mbsbench.reports.plots.style import SUFFIXES, style
+from mbsbench.reports.plots import spec
+from mbsbench.reports.plots.printed import SUFFIXES, style
 
 from .conftest import asked, fill, record_for, suite
 
@@ -29,7 +29,7 @@ def drawn(folder, name):
     results = read_results(folder, check_series=False)
     own = lines.choose(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
     with style():
-        return build.draw(BY_NAME[name], own, palette.looks({k.asked.solver for k in own})), own
+        return build.draw(BY_NAME[name], own, spec.looks({k.asked.solver for k in own})), own
 
 
 def one(folder, name, suffixes=("png",)):
@@ -67,10 +67,10 @@ def test_every_figure_is_made(whole, label):
     build.command(folder, [f.name for f in figures], suite(), suffixes=("png",))
     told = json.loads((folder / "paper" / "captions.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     by_name = {f["name"]: f for f in told["figures"]}
-    for spec in figures:
-        said = by_name[spec.name]
-        assert said["title"] and said["files"] == [f"{spec.name}.png"]
-        assert (folder / "paper" / f"{spec.name}.png").stat().st_size > 5000
+    for figure in figures:
+        said = by_name[figure.name]
+        assert said["title"] and said["files"] == [f"{figure.name}.png"]
+        assert (folder / "paper" / f"{figure.name}.png").stat().st_size > 5000
         assert said["runs"] and all(c["run_id"] for c in said["runs"])
         for c in said["runs"]:
             own = records[c["run_id"]]
@@ -140,7 +140,7 @@ def test_a_solver_has_its_colour_and_its_settings_dashes(whole):
     assert [dash for _, dash in fi] == [0, 1, 2]
     (legend,) = figure.legends
     colours = {h.get_color() for h in legend.legend_handles}
-    assert colours == {look.colour for look in palette.looks(["ida_index1", "gc_weak_form"]).values()}
+    assert colours == {look.colour for look in spec.looks(["ida_index1", "gc_weak_form"]).values()}
 
 
 def test_a_damaged_series_is_named(tmp_path):

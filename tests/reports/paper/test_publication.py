@@ -17,7 +17,7 @@ from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.plots.style import DOUBLE, SINGLE, save, style
+from mbsbench.reports.plots.printed import DOUBLE, SINGLE, save, style
 
 from ..conftest import every_kind, put, record, series
 
