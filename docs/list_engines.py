@@ -15,7 +15,7 @@ from typing import Any
 from mbsbench.harness.catalogue.registry import engines, make_solver
 from mbsbench.harness.mechanics.joints import KINDS
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.model.shipped import TARGET, Contest, contests, describe_budget
+from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget
 from mbsbench.solvers.engines.export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
 
 HERE = Path(__file__).resolve().parent

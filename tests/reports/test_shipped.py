@@ -8,7 +8,7 @@ import pytest
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.reports import site
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.model.shipped import SHIPPED, TUNED, contests
+from mbsbench.reports.pages.judged.engines import SHIPPED, TUNED, contests
 
 from .conftest import put, record
 
