@@ -43,7 +43,7 @@ class Adapter(Clocked):
     package: ClassVar[str]  # to import here where it has no environment
     wheel: ClassVar[str]
     remedy: ClassVar[str] = "pip install 'mbsbench[engines]'"
-    takes: ClassVar[Taken]
+    takes: ClassVar[Taken] = Taken()
     eps: ClassVar[float] = 0.0  # of its numbers, where they are of single precision
     moving: ClassVar[bool] = False  # whether the model check asks for random velocities, too
     stretch: ClassVar[int] = STRETCH

@@ -75,7 +75,7 @@ def test_its_model_is_ours(engine, name):
         return
     if engine in SPRINGLESS and len(problem.system.spring_k):
         said = make_solver(engine).refuses(problem, CONTROL)
-        assert said is not None and said.endswith("only; the system has springs")
+        assert said is not None and "only; the system has springs" in said
         problem = without_springs(problem)
     found = differences(problem, module_of(engine).Model(make_solver(engine), problem, CONTROL).at_start())
     assert max(found.values()) < 1e-10, found
