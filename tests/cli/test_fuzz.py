@@ -3,9 +3,14 @@
 import json
 from pathlib import Path
 
+import numpy as np
+
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.fuzz.cases import page
-from mbsbench.harness.fuzz.log import SUMMARY, count_trials, read_trials
+from mbsbench.harness.catalogue.registry import make_solver
+from mbsbench.harness.fuzz.campaign import Settings
+from mbsbench.harness.fuzz.cases import page, read_case, write_cases
+from mbsbench.harness.fuzz.log import SUMMARY, Trial, append_trial, count_trials, read_trials
+from mbsbench.harness.fuzz.oracle import Kind, Outcome
 
 PUBLISHED = Path(__file__).parents[2] / "results" / "published" / "fuzz"
 
@@ -32,6 +37,14 @@ def test_a_campaign_is_continued(tmp_path, capsys):
     assert counts["all"]["trials"] == 3 and counts["rattle"]["refused"] == 1 and counts["rkmk_dopri5"]["trials"] == 1
 
 
+def test_a_deviation_beyond_all_numbers_is_read_again(tmp_path):
+    """JSON has neither infinity nor NaN, and a code may give both."""
+    outcome = Outcome("rattle", Kind.TRUTH, deviation=(np.inf, np.nan), own=np.inf, limit=1.0, number=3)
+    append_trial(tmp_path, Trial(Settings(1), "", outcome))
+    (trial,) = read_trials(tmp_path)
+    assert trial.outcome == outcome and min(trial.outcome.deviation) > 1e308 and trial.outcome.strength > 1.0
+
+
 def test_the_published_page_is_that_of_its_summary_and_cases():
     """A sentence and a table of the counts, the causes as they are kept with the cases."""
     assert json.loads((PUBLISHED / SUMMARY).read_text())["counts"] == count_trials(read_trials(PUBLISHED))
@@ -50,3 +63,22 @@ def test_wrong_calls_are_answered_in_one_line(tmp_path, capsys):
     for words in (["nobody"], ["rattle", "--repeat", str(tmp_path / "x.json")], ["rattle", "--set", "colour=1"]):
         assert main(["fuzz", *words]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_finding_says_where_the_bodies_should_be(tmp_path):
+    """Files of both forms, exact places, and an answer that is none; the version is among the notes."""
+    case = read_case(PUBLISHED / "mujoco-74.json")
+    write_cases(tmp_path, [case])
+    (tmp_path / SUMMARY).write_text((PUBLISHED / SUMMARY).read_text())
+    text = " ".join(page(tmp_path).split())
+    assert {p.name for p in tmp_path.glob("*.xml")} == {"mujoco-74.xml", "mujoco-74-form.xml"}
+    assert "exact (-2.10815, 0.557382, -0.713332)" in text and "unit_time=0.001: it does not reach it" in text
+    assert "mujoco 4.0.0" in text
+
+
+def test_answers_of_a_sound_code_end_where_the_exact_motion_does():
+    """In both forms, by name."""
+    oracle = read_case(PUBLISHED / "mujoco-74.json").oracle
+    ends, _ = oracle.answers(make_solver("rkmk_dop853"))
+    assert list(ends) == ["exact", "as drawn", "unit_time=0.001"]
+    assert all(np.allclose(at, ends["exact"], atol=1e-5) for at in ends.values())
