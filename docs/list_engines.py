@@ -69,8 +69,8 @@ def tables() -> str:
     target = found["target"]
     shipped, tuned = (_total(every, which, target) for which in ("shipped", "best"))
     lines = [
-        f"Commit {found['commit'][:8]}, {found['runs']} runs, {found['budget']}. Within {target:g} m or rad over "
-        f"one second: **{shipped[0]} of {shipped[1]} as shipped, {tuned[0]} of {tuned[1]} tuned**.",
+        fill(f"Commit {found['commit'][:8]}, {found['runs']} runs, {found['budget']}. Within {target:g} m or rad over "
+             f"one second: **{shipped[0]} of {shipped[1]} as shipped, {tuned[0]} of {tuned[1]} tuned**.", 138),
         "", "Largest error [m, rad] as shipped, and of the best of the budget; CPU time of the latter.", "",
         "| | " + " | ".join(problems) + " |", "|---" * (1 + len(problems)) + "|",
     ]  # fmt: skip
