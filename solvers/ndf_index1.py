@@ -58,6 +58,7 @@ class NdfIndex1(BaumgarteOptions):
     )
 
     paper_label: ClassVar[str] = "DAE-SE"
+    rows_every: ClassVar[int] = 6  # steps, at the rows kept
     scheme: ClassVar[Scheme] = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
@@ -74,7 +75,7 @@ class NdfIndex1(BaumgarteOptions):
             ndf = self.scheme.on(form, start, problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
             pieces.append((ndf, form))
 
-        rows = RowsInUse(layout, begin, problem)
+        rows = RowsInUse(layout, begin, problem, every=self.rows_every)
         y = pieces[0][0].y
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:

@@ -6,7 +6,8 @@ Seen from body j, body i has the rotation Q and its C is at d. A pair of bodies 
     normal axes            a_j . Q a_i = 0             a distance             |d - s_j| = L  (point masses)
 
 What these leave free is a kind of joint. Joints are added, those of most rows first, as long as each of them takes a
-freedom away. Forces are those of gravity and of springs and dampers of joints that explain the accelerations.
+freedom away. Forces are those of gravity and of springs and dampers, of joints and of point masses on one line, that
+explain the accelerations.
 """
 
 from collections.abc import Iterator, Sequence
@@ -49,7 +50,8 @@ def find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample]) -> tuple
     masses = [not np.any(b.inertia) for b in bodies]
     known = [j for i in range(len(bodies)) for k in range(GROUND, i) for j in _between(bodies, samples, i, k)]
     chosen, rank = list[Joint](), 0
-    for joint in sorted(known, key=lambda j: -sum(ROWS[j.sort])):
+    holding = [j for j in known if j.j == GROUND or j.sort != JointKind.ON_LINE or not masses[j.j]]
+    for joint in sorted(holding, key=lambda j: -sum(ROWS[j.sort])):
         if (more := _rank(bodies, [*chosen, joint], samples[1])) > rank:
             chosen, rank = [*chosen, joint], more
     free = 6 * len(bodies) - 3 * sum(masses) - samples[1].twists.shape[1]
@@ -85,15 +87,25 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
     rough = nnls(both, b, maxiter=100 * both.shape[1])[0]
     rough[signed] -= rough[A.shape[1] :]
     used = np.abs(rough[: A.shape[1]]) > NEAR * np.max(np.abs(rough), initial=0.0)
-    x = np.zeros(A.shape[1])
-    x[used] = np.linalg.lstsq((A / size)[:, used], b, rcond=None)[0] / size[used]
-    missing = np.abs(A @ x - b)
-    if np.max(missing) > NEAR * np.max(np.abs(b)):
+    pushes = np.arange(3, A.shape[1], 3)
+    points = {b for b, body in enumerate(bodies) if not np.any(body.inertia)}
+    rests = used[pushes + 1] & np.array([j.j not in points for j in (*turning, *sliding)], dtype=bool)
+    by_gravity = used.copy()
+    by_gravity[:3], by_gravity[pushes] = True, rests
+    for some in (by_gravity, used) if np.any(used[pushes] & ~rests) else (used,):  # pushes that gravity may replace
+        x = np.zeros(A.shape[1])
+        x[some] = np.linalg.lstsq((A / size)[:, some], b, rcond=None)[0] / size[some]
+        missing = np.abs(A @ x - b)
+        explained = np.max(missing) <= NEAR * np.max(np.abs(b))
+        if explained:
+            break
+    if not explained:
         raise ValueError("its forces are not gravity and linear springs and dampers of joints alone "
                          f"({np.max(missing) / np.max(np.abs(b)):.2g} of the largest is left)")  # fmt: skip
     parts = x[3:].reshape(-1, 3)
     torsions = [_torsion(j, samples[0].state, *p) for j, p in zip(turning, parts, strict=False) if np.any(p)]
-    springs = [_spring(j, *p) for j, p in zip(sliding, parts[len(turning) :], strict=True) if np.any(p)]
+    springs = [_between_points(j, samples, *p) if j.j in points else _spring(j, *p)
+               for j, p in zip(sliding, parts[len(turning) :], strict=True) if np.any(p)]  # fmt: skip
     return Forces(x[:3], tuple(springs), tuple(torsions))
 
 
@@ -152,9 +164,15 @@ def _between(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: 
 
 
 def _of_point(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, Any]]:
-    """Joints of a point mass that is at ``d``, seen from a body or from another ``point``."""
+    """Joints of a point mass that is at ``d``, seen from a body or from another ``point``.
+
+    Two point masses on one line have that of springs between them, which holds neither.
+    """
     ways, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
     far = np.max(np.abs(d))
+    if point and NEAR * far < size[0] and np.linalg.norm(np.cross(d, ways[:, 0]), axis=1).max() < NEAR * far:
+        yield {"s_j": np.zeros(3), "axis_j": ways[:, 0], "kind": JointKind.ON_LINE}
+        return
     if not point and size[0] < NEAR * far:
         yield {"s_j": d[0], "kind": JointKind.SPHERICAL}
     elif not point and size[1] < NEAR * size[0]:
@@ -241,6 +259,15 @@ def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:
     far = BEHIND * (1.0 + abs(rest))
     behind = np.asarray(joint.s_j) - far * np.asarray(joint.axis_j)
     return SpringDamper(joint.i, joint.s_i, joint.j, behind, k, far + rest, c)
+
+
+def _between_points(joint: Joint, samples: Sequence[Sample], push: float, k: float, c: float) -> SpringDamper:
+    """Of two point masses on one line, which have no point beside their own."""
+    ways, rest = [_slid(joint, one.state, one.state)[0] for one in samples], _rest(joint, push, k)
+    side = np.sign(ways[0])
+    if rest and np.any(np.sign(ways) != side):
+        raise ValueError(f"the spring of {joint.name} has a length at rest, and its point masses pass each other")
+    return SpringDamper(joint.i, joint.s_i, joint.j, joint.s_j, k, side * rest, c)
 
 
 def _rest(joint: Joint, push: float, k: float) -> float:

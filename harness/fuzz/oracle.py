@@ -15,6 +15,7 @@ import numpy as np
 from ..catalogue import registry
 from ..mechanics.state import State
 from ..reference.computed import compute_reference, is_computable
+from ..shapes import LARGEST
 from ..types import Problem, Solver, Status, StepControl
 from .mechanism import Mechanism
 from .presenting import Form
@@ -57,7 +58,10 @@ SHOWN = (*FINDINGS, Kind.ONE_SIDED, Kind.CRASHED)
 
 @dataclass(frozen=True)
 class Outcome:
-    """How ``solver`` does on a mechanism in a form; lengths in m, with the coarse and with the fine step."""
+    """How ``solver`` does on a mechanism in a form; lengths in m, with the coarse and with the fine step.
+
+    Lengths beyond all numbers are the largest: JSON has no infinity, and what is written must be read again.
+    """
 
     solver: str
     kind: Kind
@@ -67,6 +71,11 @@ class Outcome:
     own: float = 0.0
     limit: float = 0.0
     number: int = -1
+
+    def __post_init__(self) -> None:
+        coarse, fine = (_finite(x) for x in self.deviation)
+        for name, value in (("deviation", (coarse, fine)), ("own", _finite(self.own)), ("limit", _finite(self.limit))):
+            object.__setattr__(self, name, value)
 
     @property
     def strength(self) -> float:
@@ -193,6 +202,10 @@ class Oracle:
         if found.status is Status.SUCCESS and sound and abs(found.t[-1] / self.problem.t_end - 1.0) < 1e-9:
             return (last,)
         return f"{found.status}: {found.message}"
+
+
+def _finite(length: float) -> float:
+    return float(np.nan_to_num(length, nan=LARGEST))
 
 
 def _steps(control: str, dt: float) -> list[StepControl]:

@@ -27,6 +27,8 @@ from ..formulations.strong_form import StrongForm
 from ..formulations.sundials import ONE_STEP_LIMIT
 from .export.engine import made_by
 
+ROWS_EVERY = 2  # steps, at the rows kept
+
 
 @solver("cvode")
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class Cvode(SymbolicOptions):
                     native = " ".join(said.getvalue().split())
                     raise StepFailure(status, f"CVODE: {words}" + (f" ({native})" if native else ""))
                 reaction = rates(step.t, step.y)[1]
-                form = form.renew(step.y)
+                form = form.renew(step.y, step.t, ROWS_EVERY)
                 return step.t, step.y, reaction
 
             notes = (*notes, made_by("scikit-sundae"))

@@ -1,8 +1,4 @@
-"""The rows that an implicit integrator keeps, looked at as it goes: where they wear out, it starts again on others.
-
-Rows kept once may become dependent where all rows together do not; the constraints then seem to lose rank, and a code
-that passes the place integrates with a joint open. Few rows alone are watched, as in ``strong_form``.
-"""
+"""The rows that an implicit integrator keeps: where they wear out, it starts again on others."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,44 +8,36 @@ import numpy as np
 from ...harness.mechanics.consistency import InconsistentStart, project
 from ...harness.types import Problem, Status
 from .layout import Layout
-from .rank import better_rows, least_singular_value
 from .recording import StepFailure
-from .strong_form import LARGEST, WORN
-
-EVERY = 5  # steps between two looks; a look costs as much as some ten of them
+from .wear import Wear
 
 
 class RowsInUse:
-    """The layout of now, and ``begin(layout, problem)``, which starts an integrator at the problem's initial state."""
+    """The layout of now, and ``begin(layout, problem)``, which starts an integrator at the problem's initial state.
 
-    def __init__(self, layout: Layout, begin: Callable[[Layout, Problem], None], problem: Problem) -> None:
-        self.layout, self.changes = layout, list[float]()
-        self._begin, self._problem, self._steps = begin, problem, 0
-        self._watched = 0 < layout.k < layout.system.nrows <= LARGEST
-        self._limit = WORN * least_singular_value(layout.system, problem.initial, layout.kept) if self._watched else 0.0
+    ``every``: steps between two looks, so that they cost 2 % of a run.
+    """
+
+    def __init__(
+        self, layout: Layout, begin: Callable[[Layout, Problem], None], problem: Problem, *, every: int
+    ) -> None:
+        self.layout, self._wear, self.changes = layout, Wear(layout), list[float]()
+        self._begin, self._problem, self._every = begin, problem, every
         begin(layout, problem)
 
     def look(self, t: float, y: np.ndarray) -> None:
-        """Begin on better rows from an accepted step if those in use have come near to dependence since the choice."""
-        self._steps += 1
-        if not self._watched or self._steps % EVERY:
+        """Begin on better rows from an accepted step if those in use are worn."""
+        kept = self._wear.better_rows(y, t, self._every)
+        if kept is None:
             return
-        at, system = self.layout, self.layout.system
-        p, u = y[at.p].reshape(1, system.nb, -1), y[at.u].reshape(1, system.nb, 6)
-        state = replace(at.chart.states(p, u)[0], t=t)
-        least = least_singular_value(system, state, at.kept)
-        if least > self._limit:
-            self._limit = max(self._limit, WORN * least)  # after a singular passage the rows have recovered
-            return
-        kept = better_rows(system, state, at.kept)
-        self._limit = WORN * least_singular_value(system, state, kept)
-        if kept is at.kept:
-            return
+        at = self.layout
+        p, u = y[at.p].reshape(1, at.system.nb, -1), y[at.u].reshape(1, at.system.nb, 6)
         try:
-            start = project(system, state)
+            start = project(at.system, replace(at.chart.states(p, u)[0], t=t))
         except InconsistentStart as error:
             raise StepFailure(Status.DIVERGED, f"rows could not be chosen anew: {error}") from None
         self.layout = replace(at, kept=kept)
+        self._wear = Wear(self.layout)
         self.changes.append(t)
         self._begin(self.layout, replace(self._problem, initial=start))
 

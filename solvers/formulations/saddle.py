@@ -67,7 +67,7 @@ class Saddle:
         k, n_u = layout.k, layout.n_u
         W, blocks, in_blocks = inverse_mass.pattern, inverse_mass.data, inverse_mass.places
         self._u_dot, self._lam = np.zeros(n_u), np.zeros(k)
-        self._info, self._pivots = integer(0), np.zeros(0)
+        self._info, self._pivots, self._squares = integer(0), np.zeros(0), np.zeros(k)
         free, back = np.zeros(n_u), np.zeros(n_u)
         factor = list(inverse_mass.steps)
         solve = [set_to_zero(free), add_products(blocks, in_blocks, e, W.columns, free, W.rows)]
@@ -90,6 +90,7 @@ class Saddle:
                 add_products(A, AW.p, blocks, in_blocks[AW.q], AW_data, AW.pattern.place),
                 set_to_zero(band),
                 add_products(AW_data, S.p[lower], A, At_order[S.q[lower]], band, in_band),
+                take(band, np.arange(0, height * k, height), self._squares),
                 call_lapack("dpbtrf", uplo, size, width, band, lead, self._info),
             ]
             every = np.arange(pattern.nnz)
@@ -103,10 +104,10 @@ class Saddle:
         solve += [set_to_zero(self._u_dot), add_products(blocks, in_blocks, back, W.columns, self._u_dot, W.rows)]
         self._factor, self._solve = Program(factor), Program(solve)
 
-    @property
-    def distances(self) -> Float[np.ndarray, " k"]:
-        """Distance of each row of A, in the order of the band and the metric of M^-1, from the span of those before."""
-        return self._pivots
+    def sines(self) -> Float[np.ndarray, " k"]:
+        """Of the angle between each row of A, in the order of the band and the metric of M^-1, and those before it."""
+        self._factor.run()
+        return self._pivots / np.sqrt(self._squares)
 
     def solve(self) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
         """(u_dot, lam), in arrays that the next call changes."""

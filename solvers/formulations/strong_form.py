@@ -23,15 +23,12 @@ from .assembly import Assembly, Batch
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import add_products, set_to_zero
 from .layout import Layout
-from .rank import better_rows
 from .rows.expressions import force_numbers
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
 from .symbolic import ELEMENTS, free_spring_element, strong_row_element
-from .system_elements import body_batch, force_batches, pair_ends, rows_by_kind
-
-WORN = 0.5  # of a kept row's distance from those before it, at which the choice of rows is looked at again
-LARGEST = 100  # rows: beyond it singular values cost as much as hundreds of steps
+from .system_elements import body_batch, force_batches, jacobian_pattern, pair_ends, rows_by_kind
+from .wear import Wear
 
 
 class StrongRates(NamedTuple):
@@ -70,21 +67,10 @@ class StrongForm:
         k_bar: float = 0.0,
     ) -> None:  # fmt: skip
         self._layout, self._options = layout, (alpha, beta, direction, c_bar, k_bar)
-        self._chosen: np.ndarray | None = None
-        self._worn = 1.0  # the first choice is looked at, too
+        self._wear = Wear(layout)
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
         self._direction, self._given = direction, (c_bar, k_bar)
-        row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-        for of in rows_by_kind(self._bare):
-            w, kept = of.ends.w, layout.row(of.rows)
-            place = np.broadcast_to(kept[:, None, :], (*w.shape, kept.shape[1]))  # by columns of A
-            row.append(place.ravel())
-            column.append(np.broadcast_to(w[:, :, None], place.shape).ravel())
-        rows_of_A, columns_of_A = np.concatenate(row), np.concatenate(column)
-        used = (rows_of_A >= 0) & (columns_of_A < layout.n_u)
-        self.pattern = FixedPattern(rows_of_A[used], columns_of_A[used], (layout.k, layout.n_u))
-        place = np.full(len(used), -1)
-        place[used] = self.pattern.place
+        self.pattern, place = jacobian_pattern(layout)
         self._slices, n_out = _slices(layout, self.pattern.nnz)
         self._motion = Assembly(self._bare, self._batches(layout, place), n_out, differentiable=False)
         self._at_rest = np.zeros(layout.n_u)
@@ -115,22 +101,13 @@ class StrongForm:
         outer = self._lam, self._lam_dot, self._F
         self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
 
-    def renew(self, pu: Float[np.ndarray, " n"]) -> "StrongForm":
-        """Itself, or the form on other rows if a kept row has come near to the span of others since the choice.
+    def renew(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> "StrongForm":
+        """Itself, or the form on other rows where those kept are worn, with the same accelerations.
 
-        Both have the same accelerations. Call it after ``rates``; without redundant rows there is no choice.
+        Called after accepted steps, of which one of ``every`` is looked at.
         """
-        layout, distances = self._layout, self._saddle.distances
-        if layout.k in (0, layout.system.nrows) or layout.k > LARGEST:
-            return self
-        self._chosen = distances.copy() if self._chosen is None else self._chosen
-        left = float(np.min(distances / self._chosen))
-        if left > self._worn:
-            return self
-        self._worn = WORN * left
-        p, u = pu[layout.p].reshape(-1, layout.chart.size), pu[layout.u].reshape(-1, 6)
-        kept = better_rows(layout.system, layout.chart.states(p[None], u[None])[0], layout.kept)
-        return self if kept is layout.kept else StrongForm(replace(layout, kept=kept), *self._options)
+        kept = self._wear.better_rows(pu, t, every)
+        return self if kept is None else StrongForm(replace(self._layout, kept=kept), *self._options)
 
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
         """Everything of Eq. (65) at (p, u)."""

@@ -17,6 +17,7 @@ from .strong_form import StrongForm
 from .symbolic import DIRECTIONS
 
 EVALUATIONS_AT_START = 2  # scipy's Runge-Kutta pairs: y'(0) and one to choose the first step
+ROWS_EVERY = 2  # steps, at the rows kept
 STAGES = {"RK23": 3, "RK45": 6, "DOP853": 12}  # evaluations an attempt; the last is at its end, the next one's first
 
 
@@ -75,7 +76,7 @@ def integrate(
         if pair is None:
             rhs(ode.t, ode.y)
         reaction = form.all_rows(latest)
-        form = form.renew(ode.y[:n])
+        form = form.renew(ode.y[:n], ode.t, ROWS_EVERY)
         return ode.t, ode.y[:n], reaction
 
     def count(steps: int) -> dict[str, int]:

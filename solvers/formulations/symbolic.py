@@ -134,6 +134,13 @@ def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) 
     return Element(_unknowns(pair, lam), _accelerations(pair), pair.numbers, {"load": load, "c": c})
 
 
+@lru_cache(ELEMENTS)
+def jacobian_element(kind: str, chart: Chart) -> Element:
+    """A of the rows in the chart, by columns."""
+    pair = joint_pair(kind, chart)
+    return Element(_unknowns(pair), _accelerations(pair), pair.numbers, {"A": ca.vec(pair.A_chart)})
+
+
 DIRECTIONS = ("a", "mass", "translation")
 
 

@@ -14,6 +14,7 @@ from ...harness.mechanics.joints import KINDS
 from .assembly import Assembly, Batch
 from .layout import Layout, Stabilised
 from .rows.expressions import force_numbers, joint_numbers
+from .sparse_pattern import FixedPattern
 from .symbolic import body_element, push_element, row_element
 from .traced import user_element
 
@@ -93,6 +94,21 @@ def rows_by_kind(layout: Layout) -> Iterator[KindRows]:
             i, j = s.joint_i[joints], s.joint_j[joints]
             rows = first[:, None] + np.arange(n)
             yield KindRows(kind, i, j, rows, joint_numbers(s, joints), pair_ends(layout, i, j))
+
+
+def jacobian_pattern(layout: Layout) -> tuple[FixedPattern, Int[np.ndarray, " entries"]]:
+    """A (k, n_u) of the kept rows, and the nonzero of each entry of ``rows_by_kind``, by columns; -1 outside."""
+    row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+    for of in rows_by_kind(layout):
+        w, kept = of.ends.w, layout.row(of.rows)
+        rows = np.broadcast_to(kept[:, None, :], (*w.shape, kept.shape[1]))
+        row.append(rows.ravel())
+        column.append(np.broadcast_to(w[:, :, None], rows.shape).ravel())
+    rows, columns = np.concatenate(row), np.concatenate(column)
+    used = (rows >= 0) & (columns < layout.n_u)
+    pattern, place = FixedPattern(rows[used], columns[used], (layout.k, layout.n_u)), np.full(len(used), -1)
+    place[used] = pattern.place
+    return pattern, place
 
 
 def pair_ends(layout: Layout, i: Int[np.ndarray, " m"], j: Int[np.ndarray, " m"]) -> PairEnds:

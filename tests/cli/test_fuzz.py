@@ -3,9 +3,13 @@
 import json
 from pathlib import Path
 
+import numpy as np
+
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.fuzz.campaign import Settings
 from mbsbench.harness.fuzz.cases import page
-from mbsbench.harness.fuzz.log import SUMMARY, count_trials, read_trials
+from mbsbench.harness.fuzz.log import SUMMARY, Trial, append_trial, count_trials, read_trials
+from mbsbench.harness.fuzz.oracle import Kind, Outcome
 
 PUBLISHED = Path(__file__).parents[2] / "results" / "published" / "fuzz"
 
@@ -30,6 +34,14 @@ def test_a_campaign_is_continued(tmp_path, capsys):
     main([*words, "--mechanisms", "3"])
     counts = json.loads(capsys.readouterr().out)["counts"]
     assert counts["all"]["trials"] == 3 and counts["rattle"]["refused"] == 1 and counts["rkmk_dopri5"]["trials"] == 1
+
+
+def test_a_deviation_beyond_all_numbers_is_read_again(tmp_path):
+    """JSON has neither infinity nor NaN, and a code may give both."""
+    outcome = Outcome("rattle", Kind.TRUTH, deviation=(np.inf, np.nan), own=np.inf, limit=1.0, number=3)
+    append_trial(tmp_path, Trial(Settings(1), "", outcome))
+    (trial,) = read_trials(tmp_path)
+    assert trial.outcome == outcome and min(trial.outcome.deviation) > 1e308 and trial.outcome.strength > 1.0
 
 
 def test_the_published_page_is_that_of_its_summary_and_cases():

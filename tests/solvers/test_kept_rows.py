@@ -13,9 +13,12 @@ from mbsbench.harness.execution.presenting import present_problem
 from mbsbench.harness.fuzz.cases import read_case
 from mbsbench.harness.fuzz.oracle import Kind
 from mbsbench.harness.fuzz.presenting import Form
+from mbsbench.harness.mechanics.jacobian import even_jacobian
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.solvers.formulations import rows_in_use
+from mbsbench.solvers.formulations import rows_in_use, wear
 from mbsbench.solvers.formulations.rank import rows_to_keep
+from mbsbench.solvers.formulations.start import coordinates_and_velocities, layout_for
+from mbsbench.solvers.formulations.wear import Sines
 
 FOUND = Path(mbsbench.__file__).parent / "results/published/fuzz/cvode-673.json"
 
@@ -38,6 +41,26 @@ def test_in_a_plane_loop_the_rows_kept_at_the_start_stay_independent_while_the_m
 def test_the_plane_loop_that_the_fuzzer_found_is_solved(solver):
     case = read_case(FOUND)
     assert case.oracle.examine(solver).kind is Kind.SOUND
+
+
+@pytest.mark.parametrize("chart", ["quaternion", "euler313"])
+@pytest.mark.parametrize("problem", ["bricard", "andrews"])
+def test_the_product_of_the_sines_is_the_volume_of_the_rows(problem, chart):
+    """sqrt(det E E^T) of rows E of length one, in whatever order they are taken."""
+    problem = Form(0, "fixed", (0.7, -0.4, 1.1)).problem(make_problem(problem))
+    layout = layout_for(problem, chart)[0]
+    E = even_jacobian(problem.system, problem.initial).toarray()[layout.kept]
+    volume = np.prod(np.linalg.svd(E, compute_uv=False))
+    sines = Sines(layout).at(coordinates_and_velocities(layout, problem), 0.0)
+    assert np.max(sines) <= 1.0 + 1e-12 and np.prod(sines) == pytest.approx(volume, rel=1e-9)
+
+
+@pytest.mark.parametrize("solver", ["ida_index1", "ndf_index1", "radau_index1"])
+@pytest.mark.parametrize("problem", ["bricard", "andrews"])
+def test_rows_that_do_not_wear_cost_no_search(problem, solver, monkeypatch):
+    """As drawn, the sines of both stay above half of those at the start; a search costs as much as fifty steps."""
+    monkeypatch.setattr(wear, "better_rows", None)
+    assert make_solver(solver).solve(make_problem(problem), StepControl(rtol=1e-6)).status is Status.SUCCESS
 
 
 WATCHED = ("cvode", "rk45_strong_form", "scipy_strong_form", "ida_index1", "ida_index2", "ndf_index1", "radau_index1")
@@ -77,9 +100,7 @@ def test_a_start_on_other_rows_keeps_the_time_of_a_drive(solver, monkeypatch):
     control, ends = StepControl(rtol=1e-8, cpu_limit=20.0), []
     for restarts in (False, True):
         if restarts:
-            monkeypatch.setattr(rows_in_use, "EVERY", 40)
-            monkeypatch.setattr(rows_in_use, "WORN", 1e9)
-            monkeypatch.setattr(rows_in_use, "better_rows", lambda system, state, kept: kept.copy())
+            monkeypatch.setattr(rows_in_use, "Wear", _WornAfterFortySteps)
         run = make_solver(solver).solve(problem, control)
         assert run.status is Status.SUCCESS and any("anew" in note for note in run.notes) == restarts
         assert np.all(np.diff(run.t) > 0.0)
@@ -87,3 +108,12 @@ def test_a_start_on_other_rows_keeps_the_time_of_a_drive(solver, monkeypatch):
     size = 1e-3 if solver == "ida_index3" else 1e-5
     assert np.max(np.abs(ends[0].r - ends[1].r)) < size
     assert np.max(np.abs(ends[0].v - ends[1].v)) < 100.0 * size
+
+
+class _WornAfterFortySteps:
+    def __init__(self, layout):
+        self.kept, self.steps = layout.kept, 0
+
+    def better_rows(self, pu, t, every):
+        self.steps += 1
+        return self.kept.copy() if self.steps == 40 else None

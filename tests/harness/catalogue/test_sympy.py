@@ -1,8 +1,8 @@
 """Systems of ``sympy.physics.mechanics`` become mechanisms whose accelerations are those of SymPy's own equations.
 
-Models: the pendulum on a cart that SymPy ships, and as in published examples the block with two pendulums and the
-four-bar linkage of SymPy's tutorials on mechanics, and the rods on a wall of "Learn Multibody Dynamics" (Moore); each
-of these is written anew.
+Models: the pendulum on a cart and the masses on springs that SymPy ships, and as in published examples the block with
+two pendulums and the four-bar linkage of SymPy's tutorials on mechanics, and the rods on a wall of "Learn Multibody
+Dynamics" (Moore); each of these is written anew.
 """
 
 import importlib
@@ -136,7 +136,16 @@ def pendulum_on_a_cart(me, sp):
     return kane, values, {**{c: 0.1 * k for k, c in enumerate(kane.q, 1)}, **dict.fromkeys(kane.u, 0.2)}, {}
 
 
+def masses_on_springs(me, sp):
+    """A KanesMethod of SymPy's own models: three particles on one line, springs and dampers between them."""
+    kane = importlib.import_module("sympy.physics.mechanics.models").multi_mass_spring_damper(3, apply_gravity=True)
+    symbols = kane.forcing_full.free_symbols - {me.dynamicsymbols._t}
+    values = {s: 1.0 + 0.3 * k for k, s in enumerate(sorted(symbols, key=str))}
+    return kane, values, {**{c: 0.3 + 0.1 * k for k, c in enumerate(kane.q)}, **dict.fromkeys(kane.u, 0.2)}, {}
+
+
 EXPECTED = {
+    masses_on_springs: "point on line",
     pendulum_on_a_cart: "distance, point on line, point on plane",
     block_with_pendulums: "normal axes, point on line, point on plane, revolute, spherical",
     four_bar: "revolute", two_rods: "point on line, revolute",
@@ -193,6 +202,16 @@ def test_springs_and_dampers_are_recognised(me, sp):
     assert np.allclose(s.spring_k, 40.0) and np.allclose(s.spring_c, 0.7)
     assert np.allclose(s.torsion_k, 3.0) and np.allclose(s.torsion_c, 0.0, atol=1e-9)
     assert JointKind.REVOLUTE in {s.joint_kind(k) for k in range(s.nj)}
+
+
+def test_springs_between_point_masses_are_recognised(me, sp):
+    """Masses that meet on their line, so that only a spring without a length at rest is one of theirs."""
+    kane, values, start, _ = masses_on_springs(me, sp)
+    s, given = read_sympy(kane, values, start).system, {str(k): v for k, v in values.items()}
+    assert np.allclose(s.gravity, [given["g"], 0.0, 0.0]) and len(s.spring_k) == 3
+    assert np.allclose(s.spring_k, [given[f"k{i}"] for i in range(3)])
+    assert np.allclose(s.spring_c, [given[f"c{i}"] for i in range(3)])
+    assert np.allclose(s.spring_d0[1:], 0.0)
 
 
 @pytest.mark.parametrize(("change", "words"), [

@@ -1,0 +1,76 @@
+"""Whether the rows that a code keeps are coming near to dependence, at a few microseconds a look, and better ones.
+
+Rows kept once may become dependent where all rows together do not; the constraints then seem to lose rank, and a code
+that passes the place integrates with a joint open. Watched is the sine of the angle between each row and the span of
+those before it, in the metric of ``even_jacobian``: that of the masses changes as slender bodies turn.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .assembly import Assembly, Batch
+from .layout import Layout
+from .rank import better_rows
+from .saddle import InverseMass, Saddle
+from .symbolic import jacobian_element
+from .system_elements import jacobian_pattern, rows_by_kind
+
+WORN = 0.5  # of a row's sine at the choice, at which the choice is looked at again
+LARGEST = 100  # rows of phi that are watched: beyond it singular values cost as much as hundreds of steps
+
+
+class Wear:
+    """The kept rows of ``layout`` along a motion; where none are redundant there is no choice and nothing to watch."""
+
+    def __init__(self, layout: Layout) -> None:
+        watched = 0 < layout.k < layout.system.nrows <= LARGEST
+        self._layout, self._steps, self._limit = layout, 0, WORN
+        self._sines, self._first = Sines(layout) if watched else None, np.zeros(0)
+
+    def better_rows(self, pu: Float[np.ndarray, " n"], t: float, every: int) -> Int[np.ndarray, " k"] | None:
+        """More independent rows at an accepted step, searched for if a sine is below half of that at the choice.
+
+        After a search the limit is half of the least sine then, until the rows recover. Of ``every`` steps one is
+        looked at: a look costs some 9 us, of small mechanisms a sixth of a step of IDA.
+        """
+        turn, self._steps = self._steps % every, self._steps + 1
+        if self._sines is None or turn:
+            return None
+        at, sines = self._layout, self._sines.at(pu, t)
+        if not len(self._first):
+            self._first = sines
+        left = float((sines / self._first).min())
+        if left > self._limit:
+            self._limit = min(WORN, max(WORN * left, self._limit))
+            return None
+        self._limit = WORN * left
+        p, u = pu[at.p].reshape(1, at.system.nb, -1), pu[at.u].reshape(1, at.system.nb, 6)
+        kept = better_rows(at.system, replace(at.chart.states(p, u)[0], t=t), at.kept)
+        return None if kept is at.kept else kept
+
+
+class Sines:
+    """Of the angles between each kept row and the span of those before it, all velocities in m/s."""
+
+    def __init__(self, layout: Layout) -> None:
+        s = layout.system
+        even = replace(s, mass=np.ones(s.nb), inertia=np.eye(3) * s.gyration[:, None, None] ** 2)
+        layout = Layout(even, layout.chart, layout.kept)
+        pattern, place = jacobian_pattern(layout)
+        batches, used = [], 0
+        for of in rows_by_kind(layout):
+            entries = slice(used, used := used + 12 * of.rows.size)
+            z, out = np.concatenate((of.ends.z, of.ends.t), axis=1), place[entries].reshape(len(of.rows), -1)
+            batches.append(Batch(jacobian_element(of.kind, layout.chart), of.numbers, z, of.ends.w, out))
+        self._rows = rows = Assembly(layout, batches, pattern.nnz, differentiable=False)
+        right = np.zeros(layout.n_u), np.zeros(layout.k)
+        self._saddle = Saddle(layout, pattern, InverseMass(layout, rows.y), rows.out[:-1], *right)
+        self._pu, self._size = rows.y[: layout.lam.start], layout.lam.start
+
+    def at(self, pu: Float[np.ndarray, " n"], t: float) -> Float[np.ndarray, " k"]:
+        """In the order of a band. Behind a row that depends on those before it they mean nothing."""
+        self._pu[:], self._rows.t[0] = pu[: self._size], t
+        self._rows.evaluate.run()
+        return self._saddle.sines()
