@@ -218,9 +218,8 @@ def _draw_figure(record: RunRecord, series: Series) -> "Figure":
     from .reports.model.results import read_results
     from .reports.plots.laws import Drawing, errors, laws
     from .reports.plots.lines import all_lines, shared_options
-    from .reports.plots.palette import looks
-    from .reports.plots.printed import figure
-    from .reports.plots.style import style
+    from .reports.plots.printed import figure, style
+    from .reports.plots.spec import looks
 
     with tempfile.TemporaryDirectory() as place:
         folder = store.create(Path(place))

@@ -114,10 +114,10 @@ def show_claims(claims: Sequence[Claim], changed: list[Change], compared: bool, 
 
 def show_orders(orders: Sequence[Order]) -> None:
     """Every ladder of fixed steps that does not show the declared order, with the reason, and how many do."""
-    from ..reports.pages.judged.orders import words
+    from ..reports.pages.judged.orders import describe_order
 
     counts = ", ".join(f"{n} {verdict}" for verdict, n in Counter(o.verdict for o in orders).most_common())
-    found = [o.as_finding(f"{o.verdict}: {words(o)}") for o in orders if o.verdict != "certified"]
+    found = [o.as_finding(f"{o.verdict}: {describe_order(o)}") for o in orders if o.verdict != "certified"]
     print_findings(found, *([f"orders: {counts}"] if orders else []))
 
 

@@ -63,9 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _write_pages(arguments: argparse.Namespace, folder: Path, *tried: Any) -> Iterator[str]:
     """Write the pages asked for, of what was ``tried``, and say where they are."""
     if arguments.html:
-        from ..reports.tried import Tried, write_page
+        from ..reports.tried import write_page
 
-        write_page(arguments.html, folder, Tried(*tried))
+        write_page(arguments.html, folder, *tried)
         yield f"page: {arguments.html}"
     if arguments.no_report:
         yield f"results: {folder}"

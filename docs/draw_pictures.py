@@ -20,18 +20,17 @@ from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record
 from mbsbench.harness.suites.suite import load_suite
-from mbsbench.reports.mechanism.segments import mechanism_of
+from mbsbench.reports.mechanism.segments import mechanism_of, view_of
 from mbsbench.reports.mechanism.stage import load_poses, segments_at
 from mbsbench.reports.mechanism.theatre.scene import stored_exact
-from mbsbench.reports.mechanism.view import view_of
 from mbsbench.reports.model.catalogue import code_of_others, is_engine
 from mbsbench.reports.model.frontier import Frontier, frontiers
 from mbsbench.reports.model.results import Results, read_results
-from mbsbench.reports.model.variants import broadest
+from mbsbench.reports.model.scores import broadest
 from mbsbench.reports.model.words import join_words, number, seconds
-from mbsbench.reports.pages.runs.bands import ENGINES, false_successes
-from mbsbench.reports.plots.palette import looks
-from mbsbench.reports.plots.style import save
+from mbsbench.reports.pages.runs.overview import ENGINES, false_successes
+from mbsbench.reports.plots.printed import save
+from mbsbench.reports.plots.spec import looks
 from mbsbench.reports.publication import figures_of
 
 LABEL, PROBLEM, ENERGY = "recommended", "chain", "chain-recommended-energy"
@@ -63,8 +62,8 @@ def draw_results(folder: Path, out: Path) -> None:
     variant = next((v for v in results.variants if v.title == PROBLEM), None)
     if variant is None:
         raise SystemExit(f"error: {folder} holds no runs of the chain: make engines bench")
-    energy = next(p for p in figures_of(results, variant) if p.name == ENERGY)
-    (path,) = save(energy.draw, Place(out), PROBLEM, ("svg",))
+    draw = next(draw for name, _, _, draw in figures_of(results, variant) if name == ENERGY)
+    (path,) = save(draw, Place(out), PROBLEM, ("svg",))
     code = digest(r.record.code for r in results.runs)
     for place, text in ((path, path.read_text(encoding="utf-8")), (out / f"{COSTS}.svg", draw_costs(results))):
         place.write_text(f"{text}<!-- code of its runs: {code} -->\n", encoding="utf-8")
@@ -77,7 +76,7 @@ def publish_engines(folder: Path) -> None:
     (ENGINES / "runs").mkdir(parents=True, exist_ok=True)
     for old in (ENGINES / "runs").glob("*.json"):
         old.unlink()
-    for run in (c.run for c in cards if is_engine(c.run.record.solver)):
+    for run in (c["run"] for c in cards if is_engine(c["run"].record.solver)):
         write_record(ENGINES, replace(run.record, series="", stderr=""))
 
 

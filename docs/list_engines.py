@@ -1,7 +1,7 @@
-"""The tables of docs/engines.md, from results of the suite ``engine_defaults``.
+"""The tables of docs/engines.md: of results of the suite ``engine_defaults``, and of elements that engines take.
 
 python docs/list_engines.py RESULTS        # writes results/published/engines/contests.json and the page
-python docs/list_engines.py                # writes the page from what is published
+python docs/list_engines.py                # writes the page from what is published and what the adapters declare
 """
 
 import json
@@ -9,17 +9,22 @@ import math
 import re
 import sys
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
+from mbsbench.harness.catalogue.registry import engines, make_solver
+from mbsbench.harness.mechanics.joints import KINDS
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.model.shipped import TARGET, Contest, contests, describe_budget
+from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget
+from mbsbench.solvers.engines.export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
 
 HERE = Path(__file__).resolve().parent
 PAGE, PUBLISHED = HERE / "engines.md", HERE.parent / "results" / "published" / "engines" / "contests.json"
-TABLES = re.compile(
-    r"(?<=<!-- made from results/published/engines/contests\.json by list_engines\.py -->\n).*(?=<!-- end -->)",
-    re.DOTALL,
+TABLES, ELEMENTS = (
+    re.compile(rf"(?<=<!-- made from {source} by list_engines\.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
+    for source in (r"results/published/engines/contests\.json", "solvers/engines")
 )
+SAME = {"drake_adaptive": "drake"}  # one column for both
 
 
 def publish(folder: Path) -> None:
@@ -82,6 +87,25 @@ def tables() -> str:
     return "\n".join(lines) + "\n"
 
 
+def elements() -> str:
+    """Elements by engine, and why one is not taken."""
+    takes: dict[str, Taken] = {name: taken for name in engines() if name not in SAME
+                               and (taken := getattr(type(make_solver(name)), "takes", None))}  # fmt: skip
+    names = [*map(str, KINDS), SPRINGS, TORSIONS, LOADS, VARYING]
+    lines = ["| | " + " | ".join(f"`{who}`" for who in takes) + " |", "|---" * (1 + len(takes)) + "|"]
+    lines += [f"| {name} | " + " | ".join("yes" if name in of.elements else "–" for of in takes.values()) + " |"
+              for name in names]  # fmt: skip
+    lines += ["", "Not taken; an element without a reason does not exist there.", ""]
+    for who, of in takes.items():
+        reasons: dict[str, list[str]] = {}
+        for name in names:
+            if name not in of.elements and name in of.lacks:
+                reasons.setdefault(of.lacks[name], []).append(name)
+        said = "; ".join(f"{', '.join(what)} ({why})" for why, what in reasons.items())
+        lines.append(fill(f"- `{who}`: {said}.", 140, subsequent_indent="  "))
+    return "\n".join(lines) + "\n"
+
+
 OURS = ("rattle", "gc_composed", "rkmk_dop853", "dop853_joint")
 
 
@@ -125,4 +149,5 @@ def _time(seconds: float) -> str:
 if __name__ == "__main__":
     if sys.argv[1:]:
         publish(Path(sys.argv[1]))
-    PAGE.write_text(TABLES.sub(lambda _: tables(), PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    page = TABLES.sub(lambda _: tables(), PAGE.read_text(encoding="utf-8"), count=1)
+    PAGE.write_text(ELEMENTS.sub(lambda _: elements(), page, count=1), encoding="utf-8")

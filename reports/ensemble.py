@@ -10,8 +10,7 @@ from ..harness.ensemble.clouds import Cloud, Ensemble
 from ..harness.ensemble.verdict import Comparison
 from ..harness.results import environment
 from .model.words import number
-from .plots.palette import looks
-from .plots.spec import Axis, Plot, Trace
+from .plots.spec import Axis, Plot, Trace, looks
 from .tried import draw_chart, write_file
 
 TRUE = "truth"

@@ -1,21 +1,19 @@
 """The page of ``mbsbench ladder``: one file with all entries, their costs and their errors."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..harness.ladder.ranking import TARGET, Row
-from .plots.palette import looks
-from .plots.spec import Axis, Plot, Trace
+from .plots.spec import Axis, Plot, Trace, looks
 from .tried import draw_chart, write_file
 
 
 def write_page(path: Path, rows: Sequence[Row]) -> None:
     """Write ``path``: the table of ``rows``, and error against CPU time."""
     chart = draw_chart("", [_plot(rows)], looks(r.solver for r in rows), columns=1)
-    write_file(path, "ladder.html", rows=rows, target=TARGET, image=chart.image, seconds=show_seconds)
+    write_file(path, "ladder.html", rows=rows, target=TARGET, image=chart["image"])
 
 
 def _plot(rows: Sequence[Row]) -> Plot:
@@ -26,8 +24,3 @@ def _plot(rows: Sequence[Row]) -> Plot:
         traces.append(Trace(r.solver, cost, error, r.solver, "lines+markers", left=low, right=high))
     axes = Axis("CPU time", "s", log=True), Axis("error / length of the motion", log=True)
     return Plot("ladder", "Error against CPU time", "geometric means over instances", *axes, traces)
-
-
-def show_seconds(value: float) -> str:
-    """A time with two digits."""
-    return f"{value:.2g} s" if math.isfinite(value) else "-"

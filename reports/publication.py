@@ -2,26 +2,23 @@
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
 
 from ..harness.places import Place
-from .model.heat import heat
-from .model.motion import motion_of
+from .model.accuracy import LEVELS
+from .model.heat import Heat, heat
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
-from .plots.heatmap import heat_figure
-from .plots.laws import Drawing, laws
-from .plots.lines import all_lines, shared_options
-from .plots.palette import looks
-from .plots.printed import figure
-from .plots.spec import Plot, Trace
-from .plots.style import DOUBLE, SINGLE, save
-from .plots.work import PAIRS, list_points, work_plots
+from .plots.laws import draw_runs, laws
+from .plots.printed import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, sheet
+from .plots.spec import Plot, Trace, looks
+from .plots.work import plots_of
 from .tried import render_file
 
 FOLDER = "publication"
@@ -40,16 +37,10 @@ WORK = (
     "early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie on the "
     "dotted line."
 )
-
-
-@dataclass(frozen=True)
-class Printed:
-    """A figure to be written: ``name`` of its files, what it shows, how wide it is [in]."""
-
-    name: str
-    caption: str
-    width: float
-    draw: Callable[[], Figure]
+Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, what is shown, width [in], how it is drawn
+COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
+ROW, HEAD = 0.25, 0.75  # [in]
+SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "open": "not finished", "refused": "refused"}
 
 
 def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
@@ -61,20 +52,21 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
     if unknown:
         raise ValueError(f"no problem {unknown[0]!r} in these results; there are {', '.join(sorted(known))}")
     variants = [p for p in results.variants if p.title in only or p.problem in {*only} - titles or not only]
-    out, captions, files = Place(Path(folder)) / FOLDER, [], []
+    out, captions, files = Place(Path(folder)) / FOLDER, list[dict[str, Any]](), list[Path]()
+
+    def keep(printed: Printed, place: Place, problem: str = "") -> None:
+        name, caption, width, draw = printed
+        made = save(draw, place, name, SUFFIXES)
+        files.extend(made)
+        captions.append({"name": name, "caption": caption, "problem": problem, "width_mm": round(width * 25.4, 1),
+                         "files": [p.relative_to(out.path).as_posix() for p in made]})  # fmt: skip
+
     if picture := heat(results):
-        files += save(partial(heat_figure, picture), out, OVERVIEW, SUFFIXES)
-        captions.append({"name": OVERVIEW, "caption": HEAT,
-                         "problem": "", "width_mm": round(DOUBLE * 25.4, 1),
-                         "files": [f"{OVERVIEW}.{suffix}" for suffix in SUFFIXES]})  # fmt: skip
+        keep((OVERVIEW, HEAT, DOUBLE, partial(heat_figure, picture)), out)
     for variant in variants:
         files += write_tables([variant], out / variant.slug, rounded=True)
         for printed in figures_of(results, variant):
-            made = save(printed.draw, out / variant.slug, printed.name, SUFFIXES)
-            files += made
-            captions.append({"name": printed.name, "caption": printed.caption, "problem": variant.title,
-                             "width_mm": round(printed.width * 25.4, 1),
-                             "files": [f"{variant.slug}/{p.name}" for p in made]})  # fmt: skip
+            keep(printed, out / variant.slug, variant.title)
         maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
         left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
         tell(f"{variant.title}: {len(variant.runs)} runs{left}")
@@ -88,32 +80,30 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
 def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
     """Work against error of all runs; then of every label the laws, each alone and together."""
     own = looks(results.solvers)
-    work = list(work_plots("work", list_points(variant), PAIRS).values()) if len(variant.runs) >= LEAST else []
-    if work:
-        yield Printed(f"{variant.slug}-work", f"{variant.title}: work against error. {WORK}", DOUBLE,
-                      partial(figure, work, own, height=2.3))  # fmt: skip
+    if len(variant.runs) >= LEAST and (work := plots_of(variant)):
+        caption = f"{variant.title}: work against error. {WORK}"
+        yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():
         if len(runs) > MAP:
             continue
-        motions = {c.record.run_id: motion_of(c, results.readable_series(c)) for c in runs}
         for part in parts(runs):
             base = slug(f"{variant.slug}-{label or 'all'}", taken)
-            lines = all_lines(part, shared_options(part))
-            chapter = laws(Drawing(variant.runs, lines, motions))
+            drawing = draw_runs(results, part, variant.runs)
+            chapter = laws(drawing)
             plots = {p.name: p for p in chapter.plots} if chapter else {}
             empty = np.zeros(0)
             unseen = [Trace(k.words, empty, empty, solver=k.run.record.solver, who=k.who, dash=k.dash)
-                      for k in lines if not motions[k.run.record.run_id].moved]  # fmt: skip
+                      for k in drawing.lines if not drawing.motions[k.run.record.run_id].moved]  # fmt: skip
             draw = partial(figure, looks=own, unseen=unseen)
             title = f"{variant.title}, {label or 'all runs'}"
             for name, panels in ALONE.items():
                 shown = [plots[k] for k in panels if k in plots]
                 if shown:
-                    yield Printed(f"{base}-{name}", _caption(title, shown), SINGLE, partial(draw, shown, columns=1))
+                    yield f"{base}-{name}", _caption(title, shown), SINGLE, partial(draw, shown, columns=1)
             if plots:
                 shown = list(plots.values())
-                yield Printed(f"{base}-laws", _caption(title, shown), DOUBLE, partial(draw, shown))
+                yield f"{base}-laws", _caption(title, shown), DOUBLE, partial(draw, shown)
 
 
 def _caption(title: str, plots: Sequence[Plot]) -> str:
@@ -127,4 +117,31 @@ def parts(runs: Sequence[Run]) -> list[list[Run]]:
         if out[-1] and len(out[-1]) + len(own) > MOST:
             out.append([])
         out[-1] += own
+    return out
+
+
+def heat_figure(heat: Heat) -> Figure:
+    """One row a solver, one column a problem; the number is the margin."""
+    out = sheet(DOUBLE, ROW * len(heat.rows) + HEAD)
+    ax = out.add_subplot()
+    for y, row in enumerate(heat.rows):
+        for x, box in enumerate(row.boxes):
+            colour = PAPER if box is None else "#ece9e6" if box.level is None else COLOURS[box.level]
+            ax.add_patch(Rectangle((x, y), 1.0, 1.0, facecolor=colour, edgecolor=PAPER, linewidth=1.0))
+            if box is not None:
+                loud = box.level == len(LEVELS)
+                words = plain(f"{SIGNS[box.mark.kind]}{box.text}")
+                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=7, color=PAPER if loud else INK)
+    ax.set(xlim=(0, len(heat.problems)), ylim=(len(heat.rows), 0))
+    columns, rows = (np.arange(len(of)) + 0.5 for of in (heat.problems, heat.rows))
+    heads = ([plain(w) for w in (p.problem.replace("_", " "), p.parameters) if w] for p in heat.problems)
+    ax.set_xticks(columns, ["\n".join(w.replace(" ", "\n", (len(w) - 1) // 14) for w in words) for words in heads])
+    names = ["\n".join(plain(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
+    ax.set_yticks(rows, names, fontsize=7)
+    ax.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+    ax.spines[:].set_visible(False)
+    ax.grid(visible=False)
+    edges = [*(f"≤ {edge:g}" for edge in LEVELS), "more"]
+    keys = [Patch(facecolor=c, edgecolor=MUTED, linewidth=0.4, label=e) for c, e in zip(COLOURS, edges, strict=True)]
+    out.legend(handles=keys, loc="outside lower center", ncols=len(keys), title="error / limit", handlelength=1.0)
     return out

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -10,8 +9,7 @@ from ..harness.results import environment
 from ..harness.results.findings import Finding
 from ..harness.shadow.findings import nearest_of
 from ..harness.shadow.shadow import Shadow
-from .plots.palette import Look
-from .plots.spec import Axis, Plot, Trace
+from .plots.spec import Axis, Look, Plot, Trace
 from .tried import draw_chart, write_file
 
 COLOURS = ("#3D62C7", "#62AF96", "#E08906", "#BB3939", "#A499CF")  # of as many bodies
@@ -42,10 +40,8 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
         draw_chart("Paths of centres of mass: computed, and true (dashed).", [paths], looks),
     ]
     stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
-    card = SimpleNamespace(facts=())
     summary = nearest_of(s, None).words or found[0].measured.text
-    write_file(path, "tried.html", title=title, summary=summary, findings=found, charts=charts,
-               card=card, stamp=stamp)  # fmt: skip
+    write_file(path, "tried.html", title=title, summary=summary, findings=found, charts=charts, stamp=stamp)
 
 
 def _spread(n: int, most: int) -> list[int]:

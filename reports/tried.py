@@ -4,63 +4,43 @@ import base64
 import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment, FileSystemLoader
 
 from ..harness.files import write_text
 from ..harness.places import Place
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
-from .model.followed import list_followed
+from .model.accuracy import list_followed
 from .model.frontier import frontiers, of_most_problems
-from .model.motion import motion_of
-from .model.provenance import stamp
-from .model.results import Results, group_by, read_results
-from .pages.judged.orders import certificates, ladders
-from .pages.judgement import links_of
-from .pages.runs.card import card_of
-from .plots.laws import Drawing, laws
-from .plots.lines import all_lines, shared_options
-from .plots.palette import Look, looks
-from .plots.printed import figure
-from .plots.spec import Plot, Trace
-from .plots.style import save
-from .plots.work import PAIRS, list_points, work_plots
+from .model.results import Results, group_by, read_results, stamp
+from .pages.judged.orders import by_case, fit_of, ladders
+from .pages.runs.solvers import card_of
+from .plots.laws import draw_runs, laws
+from .plots.printed import figure, save
+from .plots.spec import Look, Plot, Trace, looks
+from .plots.work import plots_of
 
 TEMPLATES = Path(__file__).parent / "templates"
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 
 
-@dataclass(frozen=True)
-class Chart:
-    """A figure with its caption, as the address of an image that the page contains."""
+def write_page(
+    path: Path, folder: Path, solver: str, summary: str, findings: Sequence[Finding], orders: Sequence[Order]
+) -> None:
+    """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error.
 
-    caption: str
-    image: str
-
-
-@dataclass(frozen=True)
-class Tried:
-    """The findings of ``try``, how many are met in words, and the orders behind them."""
-
-    solver: str
-    summary: str
-    findings: Sequence[Finding]
-    orders: Sequence[Order]
-
-
-def write_page(path: Path, folder: Path, found: Tried) -> None:
-    """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error."""
+    ``summary`` says in words how many of the findings are met.
+    """
     results = read_results(folder, check_series=False)
-    charts = list(_charts(results, found.orders))
     follow = [f for variant in results.variants for f in list_followed(variant)]
-    card = card_of(found.solver, found.orders, (), follow, of_most_problems(frontiers(results)))
-    write_file(path, "tried.html", **vars(found), card=card, charts=charts, stamp=stamp(results))
+    card = card_of(solver, orders, (), follow, of_most_problems(frontiers(results)))
+    write_file(path, "tried.html", solver=solver, summary=summary, findings=findings, card=card,
+               charts=list(_charts(results, orders)), stamp=stamp(results))  # fmt: skip
 
 
 def write_file(path: Path, template: str, **values: Any) -> None:
@@ -73,42 +53,38 @@ def render_file(template: str, **values: Any) -> str:
     return Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template(template).render(**values)
 
 
-def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
+def _charts(results: Results, orders: Sequence[Order]) -> Iterator[dict[str, str]]:
     chart = partial(draw_chart, looks=looks(results.solvers))
     for title, ladder in group_by(orders, lambda o: o.variant).items():
-        if plots := _orders(results, ladder):
+        if plots := _orders(ladder):
             words = "observed order: error against step with the fitted line; dashed, the declared order."
             yield chart(f"{title}: {words}", plots)
     for run in (r for r in results.runs if r.record.label == "long"):
-        motions = {run.record.run_id: motion_of(run, results.readable_series(run))}
-        found = laws(Drawing([run], all_lines([run], shared_options([run])), motions))
-        if found:
+        if found := laws(draw_runs(results, [run], [run])):
             yield chart(f"Over {run.record.t_reached_s:g} s of {run.variant}.", found.plots)
     for variant in results.variants:
-        runs = variant.labels().get("ladder", ())
-        if runs:
-            points = list_points(replace(variant, runs=runs))
-            if plots := list(work_plots("work", points, PAIRS).values()):
-                yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
+        if (runs := variant.labels().get("ladder", ())) and (plots := plots_of(replace(variant, runs=runs))):
+            yield chart(f"{variant.title}: work against error. Lower and further left is better.", plots)
 
 
-def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
+def _orders(orders: Sequence[Order]) -> list[Plot]:
     """The ladders of the certificates, each with the declared order through the finest end of its fit."""
     plots = []
-    for c in certificates([o for o in orders if o.quantity in QUANTITIES], links_of(results.runs)):
-        for plot in ladders([c]):
+    for o in by_case([o for o in orders if o.quantity in QUANTITIES]):
+        for plot in ladders([o]):
             declared = []
-            if c.fit and math.isfinite(c.of.declared):
-                x, y = (np.array(v) for v in zip(*c.fit, strict=True))
-                line = y[0] * (x / x[0]) ** c.of.declared
-                declared.append(Trace(f"declared: order {c.of.declared:g}", x, line, dash=1))
-            plots.append(replace(plot, title=c.of.quantity, traces=(*plot.traces, *declared)))
+            if (fit := fit_of(o)) and math.isfinite(o.declared):
+                x, y = fit
+                line = y[0] * (x / x[0]) ** o.declared
+                declared.append(Trace(f"declared: order {o.declared:g}", x, line, dash=1))
+            plots.append(replace(plot, title=o.quantity, traces=(*plot.traces, *declared)))
     return plots
 
 
-def draw_chart(caption: str, plots: Sequence[Plot], looks: Mapping[str, Look], columns: int = 2) -> Chart:
-    """Plots as one image."""
+def draw_chart(caption: str, plots: Sequence[Plot], looks: Mapping[str, Look], columns: int = 2) -> dict[str, str]:
+    """Plots as one image, whose address holds it."""
     with tempfile.TemporaryDirectory() as place:
         draw = partial(figure, plots, looks, columns=columns)
         (file,) = save(draw, Place(Path(place)), "chart", ("svg",))
-        return Chart(caption, "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode())
+        image = "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()
+        return {"caption": caption, "image": image}

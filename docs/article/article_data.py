@@ -26,8 +26,8 @@ from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
 from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured
 from mbsbench.reports.model.frontier import least
 from mbsbench.reports.model.words import number, plural
-from mbsbench.reports.plots.palette import looks
-from mbsbench.reports.plots.style import DOUBLE, INK, SINGLE, sheet
+from mbsbench.reports.plots.printed import DOUBLE, INK, SINGLE, sheet
+from mbsbench.reports.plots.spec import looks
 
 OURS = re.compile(r"beyond-|.*-control|.*-ida$|.*-lower-index-")  # asked by us of other methods, not said in the paper
 COLOURS = {"SUPPORTED": "#3D62C7", "CONDITIONAL": "#62AF96", "MIXED": "#E0B040", "REFUTED": "#BB3939",

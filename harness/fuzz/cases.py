@@ -18,7 +18,7 @@ from ..mechanics.system import GROUND
 from ..types import Problem
 from .log import NOT_ASKED, SUMMARY
 from .mechanism import Mechanism
-from .oracle import FLOOR, Kind, Oracle, Outcome, Verdict
+from .oracle import FLOOR, Kind, Oracle, Outcome, Places, Verdict
 from .presenting import Form
 
 WIDTH = 118
@@ -27,7 +27,10 @@ NONE = "No other route was asked, or none confirms it."
 
 @dataclass(frozen=True)
 class Case:
-    """A mechanism, its form, what a code does with them, and what other routes say of it; the cause, once known."""
+    """A mechanism, its form, what a code does with them, and what other routes say of it; the cause, once known.
+
+    ``ends``: places of the bodies at the end, exact and by form; ``notes`` of the code's run, its version among them.
+    """
 
     outcome: Outcome
     mechanism: Mechanism
@@ -37,11 +40,19 @@ class Case:
     options: dict[str, str] = field(default_factory=dict)
     floor: float = FLOOR
     cause: str = ""
+    ends: dict[str, Places] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
         """That of its files."""
         return f"{self.outcome.solver}-{self.outcome.number}"
+
+    @property
+    def drawings(self) -> dict[str, Form]:
+        """Files of the mechanism as drawn and in its form."""
+        changed = {f"{self.name}-form.xml": self.form} if self.form != Form() else {}
+        return {f"{self.name}.xml": Form(), **changed}
 
     @property
     def oracle(self) -> Oracle:
@@ -57,8 +68,9 @@ def write_cases(folder: Path, cases: Sequence[Case]) -> None:
         cause = read_case(path).cause if path.exists() else ""
         text = msgspec.json.format(msgspec.json.encode(replace(case, cause=cause)), indent=1).decode()
         write_text(path, text + "\n")
-        with suppress(ValueError):  # joints that MJCF has not
-            write_text(folder / f"{case.name}.xml", mjcf(case.oracle.problem))
+        for file, form in case.drawings.items():
+            with suppress(ValueError):  # joints that MJCF has not
+                write_text(folder / file, mjcf(form.present(case.oracle.problem)))
 
 
 def write_page(folder: Path) -> None:
@@ -81,13 +93,11 @@ def page(folder: Path) -> str:
     lines = ["# Findings of `mbsbench fuzz`", "", _fill(intro), "", *_table(summary["counts"])]
     cases = [read_case(p) for p in folder.glob("*.json") if p.name != SUMMARY]
     for case in sorted(cases, key=lambda c: (c.outcome.solver, c.outcome.number)):
-        drawn = (folder / f"{case.name}.xml").exists()
-        file = (
-            f"MJCF: `{case.name}.xml`, which starts at its keyframe `start`." if drawn else "Its joints have no MJCF."
-        )
+        files = [f"`{name}` ({form})" for name, form in case.drawings.items() if (folder / name).exists()]
+        file = f"MJCF, from keyframe `start`: {', '.join(files)}." if files else "Its joints have no MJCF."
         again = f"Repeat: `mbsbench fuzz {case.outcome.solver} --repeat {case.name}.json`. {file}"
         lines += ["", f"## {case.name}: {case.outcome.kind}", "", _parts(case.mechanism)]
-        for text in filter(None, (_numbers(case), case.evidence or NONE, case.cause, again)):
+        for text in filter(None, (_numbers(case), _ends(case), case.evidence or NONE, case.cause, again)):
             lines += ["", _fill(text)]
     return "\n".join(lines) + "\n"
 
@@ -107,6 +117,16 @@ def _numbers(case: Case) -> str:
         f"{where} {what} by {coarse:.3g} m, with half the step or the finer tolerance by {fine:.3g} m. The code's own "
         f"error, by that refinement, is {o.own:.2g} m."
     )
+
+
+def _ends(case: Case) -> str:
+    """Places at the end in a sentence, and the notes of the run."""
+    places = [f"{who} " + ", ".join(f"({x:.6g}, {y:.6g}, {z:.6g})" for x, y, z in at) for who, at in case.ends.items()]
+    options = "".join(f", {name}={value}" for name, value in case.options.items())
+    who = f"Run: {case.outcome.solver}{options}; {'; '.join(case.notes)}. " if case.notes else ""
+    forms = dict.fromkeys(map(str, (Form(), case.form)))
+    places += [f"{form}: it does not reach it" for form in forms if places and form not in case.ends]
+    return who + (f"C of each body at the end [m]: {'; '.join(places)}." if places else "")
 
 
 def read_case(path: Path) -> Case:

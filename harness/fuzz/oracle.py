@@ -6,6 +6,7 @@ coarse and with the fine step. The truth is ``TRUTH`` at two tolerances, in both
 decided.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
@@ -28,6 +29,7 @@ AMPLIFIED = 1e3  # by which the answers of a worse code may differ more than tho
 
 
 Answer = tuple[State, ...]
+Places = tuple[tuple[float, ...], ...]  # of C of each body [m]
 
 
 class Kind(StrEnum):
@@ -153,6 +155,19 @@ class Oracle:
                 return replace(found, kind=Kind.TRUTH, deviation=off, own=half, limit=limit, form=which)
         return found
 
+    def answers(self, solver: Solver) -> tuple[dict[str, Places], tuple[str, ...]]:
+        """Where the exact motion ends, and by form that of ``solver`` with the fine step; its notes."""
+        fine, out, notes = _steps(solver.control, self.mechanism.dt)[1], dict[str, Places](), ()
+        if self.truth[0] is not None:
+            out["exact"] = _places(self.truth[0])
+        for form in dict.fromkeys((Form(), self.form)):
+            with np.errstate(all="ignore"), suppress(Exception):  # of code that is not ours: no answer
+                found = form.solve(solver, self.problem, fine)
+                notes = notes or found.notes
+                if found.status is Status.SUCCESS:
+                    out[str(form)] = _places(found.states[-1])
+        return out, notes
+
     def decide(self, name: str, solver: Solver | None = None) -> tuple[Verdict, str]:
         """Whether other routes confirm a deviation of ``name``, and their evidence or why they cannot."""
         solver = registry.make_solver(name) if solver is None else solver
@@ -176,7 +191,8 @@ class Oracle:
             mine = _final_state(self._motion(solver, form, fine))
             off[str(form)] = np.inf if mine is None else self.apart(mine, end)
         others = {SECOND: second, TRUTH: self.apart(true, end)}
-        words = "; ".join(f"{who}: {x:.2g} m" for who, x in (*off.items(), *others.items()))
+        words = "; ".join(f"{who}: " + (f"{x:.2g} m" if np.isfinite(x) else "it does not reach the end")
+                          for who, x in (*off.items(), *others.items()))  # fmt: skip
         routes = "Newton-Euler in quaternions and Lagrange in natural coordinates"
         evidence = f"Distance from the reference ({routes}, which agree to {sure:.1g} m): {words}."
         if max(off.values()) == np.inf:
@@ -202,6 +218,10 @@ class Oracle:
         if found.status is Status.SUCCESS and sound and abs(found.t[-1] / self.problem.t_end - 1.0) < 1e-9:
             return (last,)
         return f"{found.status}: {found.message}"
+
+
+def _places(end: State) -> Places:
+    return tuple(tuple(map(float, r)) for r in end.r)
 
 
 def _finite(length: float) -> float:

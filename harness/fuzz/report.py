@@ -39,7 +39,8 @@ def make_case(settings: Settings, found: Outcome) -> Case:
         solver = registry.make_solver(found.solver, options)
         smallest, outcome = shrink_outcome(first, found, lambda o: o.examine(found.solver, solver))
         verdict, evidence = smallest.decide(found.solver, solver)
-        case = Case(outcome, smallest.mechanism, smallest.form, verdict, evidence, options, floor)
+        ends, notes = smallest.answers(solver)
+        case = Case(outcome, smallest.mechanism, smallest.form, verdict, evidence, options, floor, "", ends, notes)
         send(msgspec.json.encode(case).decode())
 
     if sent := Apart(target, limit=CPU, memory=MEMORY).wait().sent:

@@ -1,9 +1,10 @@
 """The reference of any problem: its own exact motion, else one computed by two routes that share no equation.
 
 Newton and Euler in quaternions by DOP853, Lagrange in natural coordinates by extrapolation (modules ``newton_euler``,
-``directors``). First at a wide tolerance; where they do not agree to ``AGREED`` of the reach to the end, at the
-rounding floor. The stated error is ten times the largest disagreement so far. The motion ends where that error passes
-``WORST`` of the reach, where a route fails (a singular passage), or where ``BUDGET`` is spent.
+``directors``), where damping makes them stiff both by collocation. First at a wide tolerance; where they do not agree
+to ``AGREED`` of the reach to the end, at the rounding floor. The stated error is ten times the largest disagreement so
+far. The motion ends where that error passes ``WORST`` of the reach, where a route fails (a singular passage), or where
+``BUDGET`` is spent.
 """
 
 import hashlib
@@ -25,18 +26,22 @@ from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..types import Problem, Reference
 from . import orbit
+from .collocation import Collocation, jacobian
 from .director_rows import ROWS
 from .directors import Directors
+from .extrapolation import Rate, each
 from .newton_euler import NewtonEuler
 from .orbit import Orbit, Pair, Piece
 from .pushes import PUSHES
 
 WORST, AGREED = 1e-3, 1e-10  # of the reach
 FAR = 1e-12  # of the distance from the origin, whose rounding no tolerance gets below
-LEVELS = ((1e-11, 1e-10), (1e-13, 1e-12))  # tolerance of route 1, correction of route 2
+LEVELS = ((1e-11, 1e-10), (1e-13, 1e-13))  # tolerance of route 1, correction of route 2
 BUDGET = 4.0  # [s] by the cost model, not by the clock: the horizon must not depend on the machine and its load
-FEWEST = 300  # steps of route 2 that any budget pays, up to ``LARGEST``: of larger systems too little would be known
-LARGEST = 40.0  # [s] by the cost model
+FEWEST = 300  # steps of route 2 that any budget pays, up to twice ``LARGEST``: of larger systems too little is known
+LARGEST = 40.0  # [s] by the cost model, for route 2 alone
+DAMPED = 10.0  # evaluations of either explicit route over the time 1 / |eigenvalue|, measured on the governor
+INVERSE = 1.5e-9  # [s] for the matrices of a step by collocation, of n^3
 CHUNK = 16  # steps of route 2 between two projections
 SHORT = 4  # the same where rows are redundant: those in use, chosen there, may come to depend on each other
 
@@ -162,6 +167,7 @@ class _Motion:
     second: Directors = field(init=False)
     frequency: float = field(init=False)  # [rad/s] of drives and loads
     reach: float = 0.0
+    stiff: bool = False  # of the motion on its way
 
     def __post_init__(self) -> None:
         self.first, self.second = NewtonEuler(self.system), Directors(self.system)
@@ -181,16 +187,19 @@ class _Motion:
             pair = Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
             begin, speed, turn = self.first.states(y[None]), 0.0, 0.0
             t, span = 0.0, self.t_end
+            self.stiff = self.is_stiff(y)
+            routes = self._collocations(first, second, len(y) + len(z)) if self.stiff else None
             while t < self.t_end:
                 most = CHUNK if len(self.first.rows) == self.first.nrows else SHORT
                 speed, turn = self._speeds(y, speed, turn)
                 span = min(self.t_end - t, 4.0 * span if t else 0.25 / turn)
                 where = max(self.size, 0.1 * float(np.max(np.abs(y[: 3 * self.system.nb]))))
                 units = (where, speed, turn)
-                piece = orbit.chunk(
-                    pair, (t, y, z), span, tolerance, correction,
-                    (self.first.units(*units), self.second.units(*units)), most,
-                )  # fmt: skip
+                both = self.first.units(*units), self.second.units(*units)
+                if routes:
+                    piece = orbit.stiff_chunk(pair, routes, (t, y, z), span, tolerance, tolerance, both)
+                else:
+                    piece = orbit.chunk(pair, (t, y, z), span, tolerance, correction, both, most)
                 t, span = piece.t, min(span, most / 4.0 * span / len(piece.nodes))
                 self.reach = max(self.reach, self._apart(begin, self.first.states(piece.y[None])))
                 yield piece
@@ -199,8 +208,25 @@ class _Motion:
             return
 
     def share(self, of: float) -> float:
-        """A share of the reach so far [m]."""
-        return of * self.reach
+        """A share of the reach so far [m]; of stiff systems the largest, for one level costs them the budget."""
+        return (WORST if self.stiff else of) * self.reach
+
+    def is_stiff(self, y: np.ndarray) -> bool:
+        """Whether damping keeps explicit steps so short that the budget does not pay them."""
+        s = self.system
+        if not (np.any(s.spring_c) or np.any(s.torsion_c) or len(s.user_i)):
+            return False
+        J = jacobian(each(self.first.rate), y, self.first.units(self.size, 1.0, 1.0))
+        return len(LEVELS) * DAMPED * -float(np.min(np.linalg.eigvals(J).real)) * self.t_end * sum(cost(s)) > BUDGET
+
+    def _collocations(self, first: Rate, second: Rate, n: int) -> tuple[Collocation, Collocation]:
+        """Of both routes; ``n`` is their size together."""
+
+        def begin() -> None:
+            self.left -= INVERSE * n**3 / 8.0
+            self.second.choose_rows()
+
+        return Collocation(each(first), begin), Collocation(second, begin, s=9)  # other nodes, other errors
 
     def _paid(self, rate: Callable[[np.ndarray], np.ndarray], each: float) -> Callable[[np.ndarray], np.ndarray]:
         def paid(y: np.ndarray) -> np.ndarray:
@@ -250,6 +276,6 @@ def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbi
         if best is None or (found.horizon, -found.bound[-1]) > (best.horizon, -best.bound[-1]):
             best = found
         enough = max(AGREED * motion.reach, FAR * float(np.max(np.abs(start.r), initial=0.0)))
-        if found.horizon == t_end and found.bound[-1] < enough:
+        if found.horizon == t_end and (found.bound[-1] < enough or motion.stiff):
             break
     return best if best is not None and best.horizon > 0.0 else None

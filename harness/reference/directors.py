@@ -16,6 +16,7 @@ from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.time_functions import values
 from .director_rows import ROWS, Joint, Row
+from .principal import in_principal_axes, is_light
 from .tape import Tape
 
 RANK = 1e-11  # of the largest eigenvalue of S, whose small ones are squares of singular values
@@ -25,7 +26,6 @@ for _k, (_a, _b) in enumerate(PAIRS):
     EVEN[_k, [_a, _b], [_b, _a]] = 0.5
 for _k in range(3):
     SKEW[_k, _k - 2, _k - 1], SKEW[_k, _k - 1, _k - 2] = 1.0, -1.0
-LIGHT = 1e-5  # of the largest principal inertia: then forces must not be weighed by the inverse of the smallest
 SWEEPS = 5
 
 
@@ -33,12 +33,12 @@ SWEEPS = 5
 class Directors:
     """``rate`` of the states (24 nb + 1): per body r and the directors d_1, d_2, d_3, then their rates, then t."""
 
-    system: MultibodySystem
+    given: MultibodySystem
 
     def __post_init__(self) -> None:
+        self.system, self.axes = in_principal_axes(self.given)
         s = self.system
-        sizes = np.linalg.eigvalsh(s.regular_inertia)
-        self.light = bool(np.any(sizes[:, 0] < LIGHT * sizes[:, 2]))
+        self.light = bool(np.any(is_light(s)))
         self.moments = _second_moments(s.regular_inertia)  # singular for a thin disc
         self.pinned, self.point = s.point_rows()
         self.line, self.axis = s.line_rows(), s.axis_rows()
@@ -55,10 +55,11 @@ class Directors:
         self._tape: Tape | None = None
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
-        """The state as this route's vector; d_a is column a of R."""
+        """The state as this route's vector; d_a is column a of R, or of R in principal axes."""
         omega = np.einsum("bij,bj->bi", state.R, state.Omega)
-        d_dot = np.cross(omega[:, None], np.swapaxes(state.R, 1, 2))
-        place = np.concatenate((state.r[:, None], np.swapaxes(state.R, 1, 2)), axis=1)
+        d = np.swapaxes(state.R @ self.axes, 1, 2)
+        d_dot = np.cross(omega[:, None], d)
+        place = np.concatenate((state.r[:, None], d), axis=1)
         return np.concatenate((place.ravel(), np.concatenate((state.v[:, None], d_dot), axis=1).ravel(), [state.t]))
 
     def states(self, z: Float[np.ndarray, "nt coordinates"]) -> States:
@@ -68,6 +69,7 @@ class Directors:
         W = np.swapaxes(R, -1, -2) @ np.swapaxes(x_dot[:, :, 1:], -1, -2)
         W = 0.5 * (W - np.swapaxes(W, -1, -2))
         Omega = np.stack((W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]), axis=-1)
+        R, Omega = R @ np.swapaxes(self.axes, 1, 2), np.einsum("bij,tbj->tbi", self.axes, Omega)
         return States(x[:, :, 0], R, x_dot[:, :, 0], Omega, z[:, -1])
 
     def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " coordinates"]:
@@ -382,7 +384,10 @@ def _couple(T: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 def _second_moments(J: np.ndarray) -> np.ndarray:
     """The integral of x x^T dm of an inertia (nb, 3, 3)."""
-    out: np.ndarray = 0.5 * np.einsum("bii->b", J)[:, None, None] * np.eye(3) - J
+    own = np.einsum("bii->bi", J)
+    others = np.stack((np.roll(own, 1, axis=1), np.roll(own, 2, axis=1)))
+    out: np.ndarray = -J
+    out[:, range(3), range(3)] = 0.5 * (np.max(others, axis=0) - own + np.min(others, axis=0))  # large less large first
     return out
 
 

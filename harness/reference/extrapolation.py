@@ -18,14 +18,14 @@ def each(f: Rate) -> Rate:
 
 def gbs_step(f: Rate, y: np.ndarray, H: float, columns: int = 8) -> tuple[np.ndarray, np.ndarray]:
     """``y`` after ``H`` of the autonomous y_dot = f(y), and the last correction of the extrapolation."""
-    midpoints = _midpoints(f, y, y.dtype.type(H), columns)
+    increments = _midpoints(f, y, y.dtype.type(H), columns)
     row: list[np.ndarray] = []
     for j in range(1, columns + 1):
-        previous, row = row, [midpoints[j - 1]]
+        previous, row = row, [increments[j - 1]]
         for k, older in enumerate(previous):
             weight = y.dtype.type(j * j) / y.dtype.type((j - 1 - k) ** 2) - 1
             row.append(row[k] + (row[k] - older) / weight)
-    return row[-1], row[-1] - row[-2]
+    return y + row[-1], row[-1] - row[-2]
 
 
 def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8) -> np.ndarray:
@@ -63,12 +63,15 @@ def gbs_adaptive(
 
 
 def _midpoints(f: Rate, y: np.ndarray, H: np.floating, columns: int) -> np.ndarray:
-    """Modified midpoint rule over ``H`` with 2, 4, ..., 2 ``columns`` substeps, (columns, ny)."""
+    """Increments of the modified midpoint rule over ``H`` with 2, 4, ..., 2 ``columns`` substeps, (columns, ny).
+
+    Increments, for the extrapolation multiplies their rounding, not that of ``y``.
+    """
     n = 2 * np.arange(1, columns + 1)
     h = (H / n.astype(y.dtype)).reshape(-1, *[1] * y.ndim)
-    older = np.repeat(y[None], columns, axis=0)
-    newer = y + h * f(y[None])
+    newer = h * f(y[None])
+    older = np.zeros_like(newer)
     for done in range(1, n[-1]):
         k = slice(int(np.searchsorted(n, done, side="right")), None)  # the columns that go on
-        older[k], newer[k] = newer[k].copy(), older[k] + 2 * h[k] * f(newer[k])
+        older[k], newer[k] = newer[k].copy(), older[k] + 2 * h[k] * f(y + newer[k])
     return newer

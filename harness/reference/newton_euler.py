@@ -17,12 +17,11 @@ from scipy.spatial.transform import Rotation
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.time_functions import values
+from .principal import SAME, in_principal_axes, is_light
 from .pushes import PUSHES, Body, Joint, Push, cross
 from .tape import Tape
 
 RANK = 1e-9  # of the largest pivot
-LIGHT = 1e-5  # of the largest principal inertia: then M^-1 is too uneven to weigh forces by
-SAME = 1e-15  # of the largest principal inertia: differences by rounding
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 SWEEPS = 5  # of Gauss-Newton; drift between two starts is near rounding, where two are enough
 
@@ -31,10 +30,11 @@ SWEEPS = 5  # of Gauss-Newton; drift between two starts is near rounding, where 
 class NewtonEuler:
     """``rate`` of the states (13 nb + 1): r, quaternion (x, y, z, w), r_dot, Omega by bodies within each, then t."""
 
-    system: MultibodySystem
+    given: MultibodySystem
     rows: Int[np.ndarray, " rank"] = field(init=False)  # in use; chosen by ``restarted``
 
     def __post_init__(self) -> None:
+        self.system, self.axes = in_principal_axes(self.given)
         s = self.system
         self.nrows = s.nrows
         self.rows = np.arange(s.nrows)
@@ -42,7 +42,7 @@ class NewtonEuler:
         self.principal[:, :, 2] *= np.linalg.det(self.principal)[:, None]  # right-handed
         apart = np.roll(sizes, -1, axis=1) - np.roll(sizes, -2, axis=1)
         self.apart = np.where(np.abs(apart) > SAME * sizes[:, 2:], apart, 0.0)  # J_2 - J_3, J_3 - J_1, J_1 - J_2
-        self.light = bool(np.any(sizes[:, 0] < LIGHT * sizes[:, 2]))
+        self.light = bool(np.any(is_light(s)))
         self.mass = np.zeros((s.nb, 6, 6))  # M by bodies
         self.mass[:, range(3), range(3)] = s.mass[:, None]
         self.mass[:, 3:, 3:] = s.regular_inertia
@@ -59,14 +59,15 @@ class NewtonEuler:
 
     def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector."""
-        q = Rotation.from_matrix(state.R).as_quat()
-        return np.concatenate([*(a.ravel() for a in (state.r, q, state.v, state.Omega)), [state.t]])
+        q = Rotation.from_matrix(state.R @ self.axes).as_quat()
+        Omega = np.einsum("bi,bij->bj", state.Omega, self.axes)
+        return np.concatenate([*(a.ravel() for a in (state.r, q, state.v, Omega)), [state.t]])
 
     def states(self, y: Float[np.ndarray, "nt coordinates"]) -> States:
         """Vectors of this route as states; quaternions are normalised."""
         r, q, v, Omega = self._parts(y)
         R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(*q.shape[:2], 3, 3)
-        return States(r, R, v, Omega, y[:, -1])
+        return States(r, R @ np.swapaxes(self.axes, 1, 2), v, np.einsum("bij,tbj->tbi", self.axes, Omega), y[:, -1])
 
     def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " coordinates"]:
         """The scale of each entry, for tolerances."""
@@ -313,7 +314,7 @@ class NewtonEuler:
             F_i, F_j, T_i, T_j = law.values(here, i, j)[0]
             for body, F, T in ((i, F_i, T_i), (j, F_j, T_j)):
                 if body != GROUND:
-                    f[body] += np.concatenate((F, here.R[0, body].T @ T))
+                    f[body] += np.concatenate((F, self.axes[body].T @ here.R[0, body].T @ T))
         return f
 
 

@@ -8,6 +8,7 @@ exponentially, and the orbit ends where the bound passes the limit it is given, 
 import os
 import tempfile
 import zipfile
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from ..cache import cache_folder
+from .collocation import Collocation
 from .extrapolation import Rate, gbs_adaptive
 
 SAFETY = 10.0  # one route may be as wrong as both differ, and errors may cancel at the compared nodes
@@ -110,6 +112,22 @@ def chunk(
         nodes.append((t + s, pair.disagreement(piece.sol(s), end)))
     taken = [(t + p.t_old, p.y_old, p.F) for p in piece.sol.interpolants]
     return Piece(t + span, piece.y[:, -1], end, taken, nodes)
+
+
+def stiff_chunk(
+    pair: Pair, routes: tuple[Collocation, Collocation], at: tuple[float, np.ndarray, np.ndarray], span: float,
+    tolerance: float, correction: float, units: tuple[np.ndarray, np.ndarray],
+) -> Piece:  # fmt: skip
+    """As ``chunk``, both routes by collocation, which goes on from its last steps."""
+    t, y, z = at
+    taken = list(routes[0].steps(y, span, tolerance, units[0]))
+    starts = [step.t for step in taken]
+    nodes = []
+    for step in routes[1].steps(z, span, correction, units[1]):
+        end, z = min(step.t + step.h, span), step.end
+        other = taken[bisect_left(starts, end) - 1]
+        nodes.append((t + end, pair.disagreement(other.states(np.array([(end - other.t) / other.h]))[0], z)))
+    return Piece(t + span, taken[-1].end, z, [(t + step.t, step.y, step.F) for step in taken], nodes)
 
 
 def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | None:

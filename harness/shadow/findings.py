@@ -63,10 +63,12 @@ def describe_extent(s: Shadow) -> str:
 
 
 def describe_energy(m: ModifiedEnergy) -> list[Finding]:
-    """The verdict ``symplectic to 1e-10 of the scale``, beside the swing of the energy itself."""
+    """The verdict ``symplectic to 1e-10 of the scale`` where it is shown, beside the swing of the energy itself."""
     name = f"swing of the modified energy, differences of order {m.order}"
+    swing, shown = m.swing / m.scale, Nearest(modified_energy=m.swing / m.scale).symplectic
+    words = f"symplectic: {shown}"
     return [
-        _name(name, compare(m.swing / m.scale, "of the scale", most=SYMPLECTIC)),
+        _name(name, compare(swing, "of the scale", most=SYMPLECTIC, words=words, tested=shown == "yes")),
         Finding(Measured("swing of the energy", float(np.ptp(m.energy)) / m.scale, "of the scale")),
     ]
 

@@ -17,6 +17,7 @@ from operator import mul
 
 GUARD = 24  # bits below the truncation error of a step
 ORDER = 0.35  # a bit: about the cheapest, log(2) / 2, since work grows as its square and steps as 2^(-bits/order)
+LAST = 7  # coefficients before the last: by symmetry most of them may vanish
 LOOSE = 5, 4  # unit of time over the last step: the next may be longer by this
 FORMULATIONS = ("angles", "directors")
 X, Y, C, S = range(4)
@@ -81,12 +82,13 @@ class Flow:
         return self._expand(start)
 
     def _step(self, series: list[list[Series]]) -> int:
-        """[2^-bits s]: the last two coefficients times its powers are 2^(GUARD - bits)."""
-        h = self.unit
-        for k in (self.order, self.order - 1):
-            largest = max(abs(a[k]) for body in series for a in body)
-            if largest > 1:
-                h = min(h, int(self.unit * 2.0 ** ((GUARD - largest.bit_length()) / k)))
+        """[2^-bits s]: the last coefficient times its power is 2^(GUARD - bits), by whatever of ``LAST`` says most."""
+        p, h = self.order, self.unit
+        sizes = {k: max(abs(a[k]) for body in series for a in body).bit_length() for k in (0, *range(p - LAST, p + 1))}
+        for k in range(p - LAST, p + 1):
+            if sizes[k] > 1:
+                last = sizes[0] + (sizes[k] - sizes[0]) * p / k  # of a geometric series through the k-th
+                h = min(h, int(self.unit * 2.0 ** ((GUARD - last) / p)))
         return h
 
     def _evaluate(self, series: list[list[Series]], begin: int, t: int) -> Precise:

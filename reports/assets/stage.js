@@ -59,7 +59,7 @@
     const box = canvas.parentElement, clock = box.querySelector("[data-clock]");
     return MBS.playing(canvas, box.querySelector("[data-play]"), (play, k, at) => {
       clock.textContent = `${at.toFixed(1)} of ${MBS.number(play.t, 2)} s`;
-      cast.querySelectorAll("[data-off]").forEach((b, i) => { const p = play.players[i]; if (p) b.textContent = p.stopped && at >= p.last ? "★ stopped" : `off by ${off(p.off[k], play.unit)}`; });
+      cast.querySelectorAll("[data-off]").forEach((b, i) => { const p = play.players[i]; if (p) b.textContent = p.stopped && at >= p.last ? "★ stopped" : `${play.unit === "m" ? "position" : "orientation"} error ${off(p.off[k], play.unit)}`; });
     });
   };
   // where nothing else plays on it

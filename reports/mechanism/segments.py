@@ -11,6 +11,8 @@ from ...harness.results.series import Series
 SAME = 1e-9  # of the mechanism's size: joint points closer than this are one
 LONE = 0.25  # [m] half a rod of a body that shows no length at all
 CROSS = 0.18  # of a body's length: the bar at its free end, by which one sees it spin
+FLAT = 0.02  # of the mechanism's size: motion this thin is seen from the front
+TILT = np.deg2rad(20.0), np.deg2rad(35.0)  # elevation and turn of the view of a spatial motion
 
 
 @dataclass(frozen=True)
@@ -35,10 +37,6 @@ class Mechanism:
     def joints(self, k: int) -> Float[np.ndarray, "nj 3"]:
         """Points of the joints in space, frame ``k``."""
         return self._place(k, self.joint_body, self.joint_at)
-
-    def frame(self, t: float) -> int:
-        """The frame nearest to time ``t``."""
-        return int(np.argmin(np.abs(self.t - t)))
 
     @property
     def size(self) -> float:
@@ -107,3 +105,37 @@ def _distinct(points: np.ndarray, tolerance: float) -> np.ndarray:
         if all(np.linalg.norm(p - k) > tolerance for k in kept):
             kept.append(p)
     return np.array(kept).reshape(-1, 3)
+
+
+def view_of(mechanism: Mechanism) -> Float[np.ndarray, "2 3"]:
+    """Directions of space that are right and up: against gravity is up, a planar motion is seen from the front."""
+    g = mechanism.gravity
+    up = -g / np.linalg.norm(g) if np.any(g) else np.array([0.0, 0.0, 1.0])
+    seen = _some(len(mechanism.t))
+    points = np.concatenate([mechanism.r[seen].reshape(-1, 3), *(mechanism.joints(k) for k in seen)])
+    if np.ptp(points, axis=0).max() <= FLAT * mechanism.size:  # it turns about one point: then by its segments
+        points = np.concatenate([mechanism.segments(k).reshape(-1, 3) for k in seen])
+    level = points - np.outer(points @ up, up)
+    level -= level.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(level, full_matrices=False)
+    right = axes[0] - up * (axes[0] @ up)
+    right /= np.linalg.norm(right)
+    right *= 1.0 if right[int(np.argmax(np.abs(right)))] > 0.0 else -1.0
+    depth = np.ptp(level @ np.cross(right, up))
+    if depth <= FLAT * mechanism.size or sizes[0] == 0.0:
+        return np.stack((right, up))
+    elevation, turn = TILT
+    front = np.cross(right, up)
+    towards = np.cos(turn) * front + np.sin(turn) * right
+    across = np.cos(turn) * right - np.sin(turn) * front
+    return np.stack((across, np.cos(elevation) * up - np.sin(elevation) * towards))
+
+
+def flat(points: Float[np.ndarray, "*n 3"], view: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "*n 2"]:
+    """Points on paper."""
+    return points @ view.T
+
+
+def _some(n: int) -> np.ndarray:
+    """At most 200 of ``n`` frames, first and last among them."""
+    return np.unique(np.linspace(0, n - 1, min(n, 200)).astype(int))

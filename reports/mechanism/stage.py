@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,10 @@ from ...harness.results.series import Series
 from ..model.accuracy import Measure
 from ..model.results import Results, Run
 from ..plots.browser import Steps
-from ..plots.palette import Look
-from .segments import Mechanism, mechanism_of
+from ..plots.spec import Look
+from .segments import Mechanism, flat, mechanism_of, view_of
 from .theatre.poses import Poses, finite, interpolate_poses
 from .theatre.scene import player_of, stored_exact
-from .view import flat, view_of
 
 FRAMES = 240  # of a stage; more bodies have fewer, or its file would be large
 COORDINATES = 30_000  # of a player, at most
@@ -26,28 +25,20 @@ STEPS = 4095  # of the box: a fifth of a pixel
 ROOM = 0.06  # of the box on each side
 
 
-@dataclass(frozen=True)
-class Role:
-    """A run on the stage and what it stands for."""
-
-    run: Run
-    words: str
-
-
-def stage(results: Results, roles: Sequence[Role], measure: Measure | None, looks: Mapping[str, Look],
+def stage(results: Results, roles: Sequence[tuple[Run, str]], measure: Measure | None, looks: Mapping[str, Look],
           frames: int = FRAMES) -> dict[str, Any] | None:  # fmt: skip
-    """Segments at even times of the exact motion and of each run; None where no run kept poses."""
-    read = [(role, results.readable_series(role.run)) for role in roles]
-    found = [(role, s, m) for role, s in read if s is not None and (m := mechanism_of(s)) is not None]
+    """Segments at even times of the exact motion and of runs, each with its role; None where no run kept poses."""
+    read = [(run, role, results.readable_series(run)) for run, role in roles]
+    found = [(run, role, s, m) for run, role, s in read if s is not None and (m := mechanism_of(s)) is not None]
     if not found:
         return None
-    first = found[0][2]
+    first = found[0][3]
     view = view_of(first)
-    known = next((e for _, s, _ in found if (e := stored_exact(s)) is not None and len(e) > 1), None)
+    known = next((e for _, _, s, _ in found if (e := stored_exact(s)) is not None and len(e) > 1), None)
     horizon = measure.until if measure and measure.until else math.inf  # beyond it no error tells one from another
-    whole = min(max(float(m.t[-1]) for _, _, m in found), WINDOW, horizon)
+    whole = min(max(float(m.t[-1]) for *_, m in found), WINDOW, horizon)
     t = np.linspace(0.0, whole, max(min(frames, COORDINATES // (4 * len(first.body))), 24))
-    lines = [segments_at(m, player_of(role.run, s, load_poses(s)).poses, t, view) for role, s, m in found]
+    lines = [segments_at(m, player_of(run, s, load_poses(s)).poses, t, view) for run, _, s, m in found]
     until = 0.0 if known is None else float(known.t[-1])
     exact = None if known is None else segments_at(first, known, t[t <= until], view)
     ground = flat(first.ground, view)
@@ -63,10 +54,10 @@ def stage(results: Results, roles: Sequence[Role], measure: Measure | None, look
                                             "lines": _columns((exact - low) / step)},
         "unit": measure.unit if measure else "m",
         "players": [{
-            "solver": role.run.record.solver, "colour": looks[role.run.record.solver].colour, "words": role.words,
-            "stopped": role.run.stopped, "last": float(m.t[-1]), "lines": _columns((xy - low) / step),
+            "solver": run.record.solver, "colour": looks[run.record.solver].colour, "words": role,
+            "stopped": run.stopped, "last": float(m.t[-1]), "lines": _columns((xy - low) / step),
             "off": Steps(_off(s, measure, t), log=True),
-        } for (role, s, m), xy in zip(found, lines, strict=True)],
+        } for (run, role, s, m), xy in zip(found, lines, strict=True)],
     }  # fmt: skip
 
 

@@ -2,18 +2,7 @@
 
 from collections.abc import Sequence
 
-from ...harness.results.judgements.claims import (
-    Claim,
-    Condition,
-    Decision,
-    Ending,
-    Finding,
-    Gap,
-    Missing,
-    Test,
-    Value,
-    Verdict,
-)
+from ...harness.results.judgements import claims as judged
 from .words import join_words, number, plural, unit
 
 WHERE = ("at the paper's settings", "beyond them")
@@ -25,16 +14,17 @@ FLAGS = {
     "consistent_start": ("a consistent start", "a start from lambda = 0"),
 }
 LEFT_OUT = {
-    Ending.MACHINE: "a limit on time or memory ended them, which another machine might not meet",
-    Ending.UNCOMPARED: "their runs cannot be compared (two failures, no partner, equal steps, or values missing)",
-    Ending.SLOW: "the limit on steps ended them while they were only slow",
-    Ending.NO_STEP: "they could not take a first step",
-    Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
-    Ending.EARLY: "their runs ended before the moment asked about",
+    judged.Ending.MACHINE: "a limit on time or memory ended them, which another machine might not meet",
+    judged.Ending.UNCOMPARED: "their runs cannot be compared "
+    "(two failures, no partner, equal steps, or values missing)",
+    judged.Ending.SLOW: "the limit on steps ended them while they were only slow",
+    judged.Ending.NO_STEP: "they could not take a first step",
+    judged.Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
+    judged.Ending.EARLY: "their runs ended before the moment asked about",
 }
 
 
-def format_measured(test: Test) -> str:
+def format_measured(test: judged.Test) -> str:
     """``0.031 J``; ``never`` for a time that does not come."""
     if test.unbounded:
         return "never" if test.unit == "s" else "unbounded"
@@ -44,14 +34,14 @@ def format_measured(test: Test) -> str:
     return f"{test.measured:.0f}" if count else f"{number(test.measured)} {unit(test.unit)}".strip()
 
 
-def band(test: Test) -> str:
+def band(test: judged.Test) -> str:
     """``at least 0.05 m``."""
     low, high = (None if v is None else f"{v:g}" for v in test.band)
     words = f"at most {high}" if low is None else f"at least {low}" if high is None else f"{low} to {high}"
     return f"{words} {unit(test.unit)}".strip()
 
 
-def metric(test: Test) -> str:
+def metric(test: judged.Test) -> str:
     """A column of the records goes by its own name."""
     if test.metric == "column":
         words = str(test.arguments["name"])
@@ -62,7 +52,7 @@ def metric(test: Test) -> str:
     return f"{words}{compared}{f' ({test.combine})' if test.combine else ''}"
 
 
-def value(name: str, given: Value) -> str:
+def value(name: str, given: judged.Value) -> str:
     """A value of a dimension: ``5``, ``a consistent start``."""
     if isinstance(given, bool):
         return FLAGS.get(name, (spell_out(name), f"no {spell_out(name)}"))[not given]
@@ -71,7 +61,7 @@ def value(name: str, given: Value) -> str:
     return given if isinstance(given, str) else f"{given:g}"
 
 
-def setting(name: str, given: Value) -> str:
+def setting(name: str, given: judged.Value) -> str:
     """The same with the dimension where it is needed: ``gain 5``."""
     alone = given is None or isinstance(given, bool) or name in ("problem", "solver", "frame")
     return value(name, given) if alone else f"{spell_out(name)} {value(name, given)}"
@@ -82,7 +72,7 @@ def spell_out(name: str) -> str:
     return name.replace("_", " ")
 
 
-def because(c: Claim) -> str:
+def because(c: judged.Claim) -> str:
     """Runs, counts and conditions at the paper's settings and beyond them, and caveats, in sentences."""
     b = c.because
     out = [*b.stand_ins, *(s for where, f in sides(c) for s in _describe_finding(c, where, f))]
@@ -95,12 +85,12 @@ def because(c: Claim) -> str:
     return f"{'. '.join(said)}." if said else ""
 
 
-def sides(c: Claim) -> tuple[tuple[str, Finding], ...]:
+def sides(c: judged.Claim) -> tuple[tuple[str, judged.Finding], ...]:
     """The findings that there are, with where."""
     return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
 
 
-def share(f: Finding | None) -> str:
+def share(f: judged.Finding | None) -> str:
     """``39 of 76``, where one of many values suffices ``at 3 of 81``; the other verdicts of a borderline one."""
     if f is None or not f.settings:
         return ""
@@ -109,15 +99,15 @@ def share(f: Finding | None) -> str:
     return f"{f.holds} of {f.settings}{met}" + (f" (borderline: {', '.join(flips)})" if flips else "")
 
 
-def distinct(f: Finding) -> str:
+def distinct(f: judged.Finding) -> str:
     """``4 distinct of 72``; the number alone where all are."""
     return f"{f.settings} distinct of {f.rows}" if f.rows > f.settings else str(f.settings)
 
 
-def _describe_finding(c: Claim, where: str, f: Finding) -> list[str]:
+def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[str]:
     out = []
     if f.settings:
-        percent = f", {100.0 * f.holds / f.settings:.0f} %" if f.verdict is Verdict.MIXED else ""
+        percent = f", {100.0 * f.holds / f.settings:.0f} %" if f.verdict is judged.Verdict.MIXED else ""
         out.append(f"{where} it holds in {f.holds} of {plural(f.settings, 'setting')}{percent}")
         out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
         out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
@@ -134,12 +124,12 @@ def _describe_finding(c: Claim, where: str, f: Finding) -> list[str]:
     ]
 
 
-def describe_missing(c: Claim) -> str:
+def describe_missing(c: judged.Claim) -> str:
     """Whatever is missing to test the claim; empty where it was tested."""
     return "; ".join(map(_missing, c.missing))
 
 
-def decision(c: Claim, d: Decision) -> str:
+def decision(c: judged.Claim, d: judged.Decision) -> str:
     """The condition that separates; else with what it always and never holds, and what matters most."""
     if d.by:
         return f"{'always unless' if d.unless else 'only and always'} with {condition(d)}"
@@ -151,42 +141,39 @@ def decision(c: Claim, d: Decision) -> str:
     return "; ".join(parts) or "no dimension varies"
 
 
-def condition(d: Decision) -> str:
+def condition(d: judged.Decision) -> str:
     """``tolerance at most 1e-05 and gauge zero``."""
     return " and ".join(" or ".join(setting(name, v) for v in values) for name, values in d.by.items())
 
 
-def describe_count(c: Claim) -> str:
+def describe_count(c: judged.Claim) -> str:
     """Count of settings that hold, and of those excluded."""
     left = sum(x.settings for f in c.findings for x in f.left_out)
     holds, settings = sum(f.holds for f in c.findings), sum(f.settings for f in c.findings)
     return f"holds in {holds} of {settings} settings{f', {left} left out' if left else ''}"
 
 
-def figures(c: Claim) -> str:
+def figures(c: judged.Claim) -> str:
     """``6 and 7``."""
     return join_words([str(n) for n in c.figure])
 
 
-def _list_conditions(conditions: Sequence[Condition]) -> str:
-    more = f"; and {len(conditions) - MOST_LISTED} more" if len(conditions) > MOST_LISTED else ""
-    return "; ".join(map(_condition, conditions[:MOST_LISTED])) + more
+def _list_conditions(conditions: Sequence[judged.Condition]) -> str:
+    out = [f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})" for c in conditions]
+    more = [f"and {len(out) - MOST_LISTED} more"] if len(out) > MOST_LISTED else []
+    return "; ".join([*out[:MOST_LISTED], *more])
 
 
-def _condition(c: Condition) -> str:
-    return f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})"
-
-
-def _missing(m: Missing) -> str:
-    if m.gap is Gap.RUNS:
+def _missing(m: judged.Missing) -> str:
+    if m.gap is judged.Gap.RUNS:
         absent, first = m.wanted - m.found, f", first {m.name}" if m.name else ""
         return f"runs missing: {absent or 'all'} of {m.wanted} of the map {m.map}{first}"
     return {
-        Gap.NEED: m.name,
-        Gap.VALUES: f"the suite has {m.found} of {m.wanted} values of {m.name} for the map {m.map}",
-        Gap.GROUPS: f"no two runs of the map differ in {m.name} alone",
-        Gap.SETTLED: "no setting of the map settles it",
-        Gap.NUMBER: f"no run of the map has the number {m.name!r}",
-        Gap.REACHED: f"{m.found} of {m.wanted} settings got to the moment asked about: too few for a verdict",
-        Gap.HANGS: f"the verdict hangs on one run that failed, {m.name}: no verdict",
+        judged.Gap.NEED: m.name,
+        judged.Gap.VALUES: f"the suite has {m.found} of {m.wanted} values of {m.name} for the map {m.map}",
+        judged.Gap.GROUPS: f"no two runs of the map differ in {m.name} alone",
+        judged.Gap.SETTLED: "no setting of the map settles it",
+        judged.Gap.NUMBER: f"no run of the map has the number {m.name!r}",
+        judged.Gap.REACHED: f"{m.found} of {m.wanted} settings got to the moment asked about: too few for a verdict",
+        judged.Gap.HANGS: f"the verdict hangs on one run that failed, {m.name}: no verdict",
     }[m.gap]

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 SOURCE = Path(__file__).parent.parent / "assets" / "glossary.toml"
 GLOSSARY: Mapping[str, str] = tomllib.loads(SOURCE.read_text(encoding="utf-8"))
@@ -16,7 +16,9 @@ GLOSSARY: Mapping[str, str] = tomllib.loads(SOURCE.read_text(encoding="utf-8"))
 
 def term(name: str, shown: str = "") -> Markup:
     """``shown`` (or the term itself) with its meaning as a tooltip, where it has one; for templates."""
-    return Markup('<abbr title="{}">{}</abbr>').format(GLOSSARY.get(name, name), shown or name)
+    if name not in GLOSSARY:
+        return escape(shown or name)
+    return Markup('<abbr title="{}">{}</abbr>').format(GLOSSARY[name], shown or name)
 
 
 def markdown() -> str:

@@ -1,25 +1,17 @@
 """The first picture: solvers by problems, each at its finest settings, coloured by how near to a limit it comes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from .margin import Margin, margin
+from .accuracy import Margin, margin
 from .results import Results, Run, Variant, by_solver
-from .scores import finest
-from .variants import broadest, plain_runs, themselves
+from .scores import broadest, finest, plain_runs, themselves
 from .words import Mark, mark, number, plural
 
 FEW = 0.5  # of the solvers: a variant that fewer ran is no column, or their counts would not compare
-RANKS = (
-    "good",
-    "inaccurate",
-    "failed",
-    "wrong",
-    "open",
-    "refused",
-)  # of endings, the best first; the last have no error
+RANKS = ("good", "inaccurate", "failed", "wrong", "open", "refused")  # of endings, best first; the last have no error
 LEAST = 1e-16  # margins below are equal
 
 
@@ -53,11 +45,15 @@ class Box:
         return number(self.margin.part, 2 if self.margin.part >= 0.1 else 1)
 
     @property
+    def why(self) -> str:
+        """Why it ended so, or how near to a limit."""
+        return self.run.reasons[0] if self.run.reasons else self.margin.words if self.margin else ""
+
+    @property
     def words(self) -> str:
-        """How it ended and how near to a limit."""
-        why = self.run.reasons[0] if self.run.reasons else self.margin.words if self.margin else ""
+        """How it ended and why."""
         words = f"{self.run.record.solver} on {self.run.variant}, {self.run.step_words}: {self.mark.word}"
-        return f"{words}: {why}" if why else words
+        return f"{words}: {self.why}" if self.why else words
 
     @property
     def order(self) -> tuple[int, float]:
@@ -101,33 +97,34 @@ class Heat:
     problems: tuple[Variant, ...]
     rows: tuple[Row, ...]
 
-    def column(self, k: int) -> list[Box]:
-        return [b for row in self.rows if (b := row.boxes[k]) is not None]
-
     @property
     def title(self) -> str:
         """Who stays within all limits, of those that ran every problem to their own end; of all where none did."""
         complete = [row for row in self.rows if row.counted == len(self.problems)] or self.rows
         whole = sum(row.succeeded == len(self.problems) for row in complete)
-        kind = "problems" if len({v.problem for v in self.problems}) == len(self.problems) else "variants"
-        name = self.problems[0].title if len(self.problems) == 1 else f"all {len(self.problems)} {kind}"
+        apart = len({v.problem for v in self.problems}) < len(self.problems)
+        name = f"all {len(self.problems)} problems{', each set of parameters counted,' if apart else ''}"
+        name = self.problems[0].title if len(self.problems) == 1 else name
         ran = "" if len(complete) == len(self.rows) else f" that ran {name}"
         stay = f"{'stays' if whole == 1 else 'stay'} within every limit"
         return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}{'' if ran else f' on {name}'}"
 
 
-def extremes(boxes: Sequence[Box]) -> list[Box]:
-    """The best and the worst; one where there is no other, none where all refused."""
-    ranked = sorted((b for b in boxes if b.mark.kind not in ("open", "refused")), key=lambda b: b.order)
-    return ranked if len(ranked) < 2 else [ranked[0], ranked[-1]]
+def rank(boxes: Iterable[Box]) -> list[Box]:
+    """The best first; without those that refused or did not finish here."""
+    return sorted((b for b in boxes if b.mark.kind not in ("open", "refused")), key=lambda b: b.order)
 
 
 def best_and_worst(boxes: Sequence[Box]) -> str:
     """Both with the error that is nearest to its limit."""
-    found = extremes(boxes)
-    if len(found) < 2:
-        return f"{found[0].words}." if found else "Every solver refused it."
-    return f"Best is {_describe_box(found[0])}. Worst is {_describe_box(found[1])}."
+    ranked = rank(boxes)
+    if len(ranked) < 2:
+        return f"{ranked[0].words}." if ranked else "Every solver refused it."
+    best, worst = (
+        f"{b.run.record.solver} ({b.run.step_words}): {'' if b.run.succeeded else b.mark.word + ', '}"
+        f"{b.why or 'no error is known'}" for b in (ranked[0], ranked[-1])
+    )  # fmt: skip
+    return f"Best is {best}. Worst is {worst}."
 
 
 def boxes_of(variant: Variant, label: str) -> list[Box]:
@@ -145,20 +142,11 @@ def heat(results: Results) -> Heat | None:
     runs = {(p.slug, s): run for p in themselves(results, label) for s in results.solvers
             if (run := finest(p, s, label)) is not None}  # fmt: skip
     solvers = [s for s in results.solvers if any(s == other for _, other in runs)]
-    problems = tuple(p for p in results.variants if _ran(runs, p, solvers) >= max(FEW * len(solvers), 1))
+    least = max(FEW * len(solvers), 1)
+    problems = tuple(p for p in results.variants if sum((p.slug, s) in runs for s in solvers) >= least)
     for p in problems:
         plain = by_solver(c for c in p.runs if not c.options)
         runs |= {(p.slug, s): min(own, key=lambda c: c.finest_first) for s, own in plain.items() if s not in solvers}
     solvers = [s for s in results.solvers if any((p.slug, s) in runs for p in problems)]
     rows = [Row(s, tuple(Box(runs[p.slug, s]) if (p.slug, s) in runs else None for p in problems)) for s in solvers]
     return Heat(problems, tuple(sorted(rows, key=lambda row: row.order))) if problems else None
-
-
-def _ran(runs: dict[tuple[str, str], Run], p: Variant, solvers: Sequence[str]) -> int:
-    return sum((p.slug, s) in runs for s in solvers)
-
-
-def _describe_box(b: Box) -> str:
-    why = b.run.reasons[0] if b.run.reasons else b.margin.words if b.margin else "no error is known"
-    ending = "" if b.run.succeeded else f"{b.mark.word}, "
-    return f"{b.run.record.solver} ({b.run.step_words}): {ending}{why}"

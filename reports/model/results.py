@@ -16,7 +16,8 @@ from ...harness.results.naming import format_name, text_of
 from ...harness.results.provenance import stamp_of
 from ...harness.results.provisional import latest_of_each
 from ...harness.results.records import RunRecord
-from ...harness.results.series import Series, check_series
+from ...harness.results.series import Series
+from ...harness.results.series import check_series as check_series_file
 from ...harness.results.shadows import Nearest, nearest_of, read_nearest
 from ...harness.results.words import why
 from ...harness.types import Status
@@ -24,6 +25,8 @@ from ...harness.types import Status
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
+UNKNOWN = "not recorded"
+STAMPED = ("numpy", "scipy")  # packages of the line
 
 
 def _unpack_column(column: str) -> cached_property[Mapping[str, Any]]:
@@ -159,6 +162,16 @@ class Results:
     def solvers(self) -> tuple[str, ...]:
         return tuple(sorted({c.record.solver for c in self.runs}))
 
+    @cached_property
+    def by_settings(self) -> dict[str, Run]:
+        """By settings_id."""
+        return {c.record.settings_id: c for c in self.runs}
+
+    @property
+    def plugins(self) -> list[str]:
+        """Files and packages with problems or solvers that were not ours."""
+        return [str(p) for p in self.environment.get("plugins") or []]
+
     def labels(self) -> tuple[str, ...]:
         """Labels of the suite, the one with most runs first."""
         number = Counter(run.record.label for run in self.runs)
@@ -181,28 +194,26 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     Unchecked series are checked when taken.
     """
     loaded = store.load(folder, check_series=False)
-    records = loaded.records if check_series else ()
-    faults = {r.run_id: why for r in records if (why := _series_fault(folder, r))}
+    faults = {}
+    for r in loaded.records if check_series else ():
+        try:  # its arrays stay packed: pages unpack those they draw
+            if r.series:
+                check_series_file(folder / r.series, r.series_sha256)
+        except FileError as error:
+            faults[r.run_id] = f"its series file {r.series}: {error}"
     sound = [r for r in loaded.records if r.run_id not in faults]
     shown = {r.settings_id: r for r in latest_of_each(sound)}
     later = sum(r.finished > shown[r.settings_id].finished for r in sound)
     near = read_nearest(folder)
-    runs = [Run(r, _stderr(folder, r), nearest_of(r, near)) for r in shown.values()]
+    runs = []
+    for r in shown.values():
+        text = store.native_of(folder, r)
+        last = text if len(text) <= STDERR_SHOWN else "[...]\n" + text[-STDERR_SHOWN:]
+        runs.append(Run(r, last, nearest_of(r, near)))
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
     earlier = len(sound) - len(shown) - later
     return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad), earlier, later)
-
-
-def _series_fault(folder: Path, record: RunRecord) -> str:
-    """Why the run's series file is not the recorded one; its arrays stay packed: pages unpack those they draw."""
-    if not record.series:
-        return ""
-    try:
-        check_series(folder / record.series, record.series_sha256)
-    except FileError as error:
-        return f"its series file {record.series}: {error}"
-    return ""
 
 
 def group_by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
@@ -233,6 +244,15 @@ def slug(title: str, taken: set[str]) -> str:
     return name
 
 
-def _stderr(folder: Path, record: RunRecord) -> str:
-    text = store.native_of(folder, record)
-    return text if len(text) <= STDERR_SHOWN else "[...]\n" + text[-STDERR_SHOWN:]
+def stamp(results: Results) -> str:
+    """Commit, dirty flag, versions, machine."""
+    e, versions = results.environment, dict(packages(results))
+    known = [f"Python {e.get('python') or UNKNOWN}", *(f"{k} {versions[k]}" for k in STAMPED if k in versions)]
+    commit = str(e.get("commit") or UNKNOWN)[:12] + (" with uncommitted changes (dirty)" if e.get("dirty") else "")
+    return f"Commit {commit}; {', '.join(known)}; {e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores."
+
+
+def packages(results: Results) -> list[tuple[str, str]]:
+    """Every recorded package."""
+    found = results.environment.get("packages")
+    return sorted((str(k), str(v)) for k, v in found.items()) if isinstance(found, dict) else []

@@ -87,6 +87,11 @@ def plural(n: int, one: str, many: str = "") -> str:
     return f"{n} {one if n == 1 else many or one + 's'}"
 
 
+def claim_success(wrong: int) -> str:
+    """What false successes do: ``report success and are wrong``."""
+    return "reports success and is wrong" if wrong == 1 else "report success and are wrong"
+
+
 def cut(text: str, most: int) -> str:
     """In one line of at most so many characters."""
     line = " ".join(text.split())

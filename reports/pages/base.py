@@ -5,7 +5,7 @@ A module of a folder in ``reports/pages/`` that has a function ::
     def write(run: Run, site: Site) -> Page | None
 
 is found and called once (``RANK`` of the module, 0 without one, puts it later). It computes from the results and their
-judgements (``judgement.read_judged``), then hands its page over; None when a run has nothing for it ::
+judgements (``read_judged``), then hands its page over; None when a run has nothing for it ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
@@ -35,28 +35,30 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from inspect import isfunction
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from ...harness.files import FileError
 from ...harness.places import Place
+from ...harness.results.judgements import files
+from ...harness.results.judgements.files import PUBLISHED, File, read_judgement
 from ..model import words
 from ..model.accuracy import energy_kind
 from ..model.frontier import Frontier, frontiers
 from ..model.glossary import term
-from ..model.provenance import cautions, facts, packages, stamp
-from ..model.results import Results, Run, Variant, group_by, slug
+from ..model.results import Results, Run, Variant, group_by, packages, slug, stamp
 from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
-from ..plots.palette import Look, families, looks
-from ..plots.spec import Plot
-from .judgement import page_of
+from ..plots.spec import Look, Plot, families, looks
 
 SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
 ASSETS = FOLDER / "assets"
 PLOTTING = ("assets/plots.js",)
+JUDGE = "mbsbench judge"
+T = TypeVar("T")
 
 
 def copy_assets(folder: Place, names: Sequence[str]) -> None:
@@ -109,17 +111,14 @@ class Site:
         self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
         return page
 
-    def data(self, name: str, value: Any) -> str:
+    def data(self, name: str, value: Any, form: Callable[[str, Any], str] = script) -> str:
         """Write ``data/<name>.js``; returns its path, for ``scripts``."""
-        return self._written(name, script(name, value))
+        (self.folder / "data" / f"{name}.js").write(form(name, value), durable=False)
+        return f"data/{name}.js"
 
     def bundle(self, name: str, value: Any) -> str:
         """The same deflated, for ``MBS.unpack``; arrays are for ``MBS.numbers``."""
-        return self._written(name, bundle(name, value))
-
-    def _written(self, name: str, text: str) -> str:
-        (self.folder / "data" / f"{name}.js").write(text, durable=False)
-        return f"data/{name}.js"
+        return self.data(name, value, bundle)
 
     def url(self, about: Run | Variant | str) -> str:
         """The page of a run, of a variant, or of a solver, from the report folder."""
@@ -128,11 +127,6 @@ class Site:
         if isinstance(about, Variant):
             return f"problem-{about.slug}.html"
         return self._solver_urls[about]
-
-    @property
-    def figures(self) -> Place:
-        """Where figures that are files go."""
-        return self.folder / "figures"
 
     @cached_property
     def frontiers(self) -> list[Frontier]:
@@ -166,15 +160,15 @@ class Site:
     def _environment(self) -> Environment:
         environment = Environment(loader=FileSystemLoader(FOLDER / "templates"), autoescape=True,
                                   undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
-        slugs = {p.title: p.slug for p in self.results.variants}
+        results, slugs = self.results, {p.title: p.slug for p in self.results.variants}
         related = group_by(self.pages(), lambda p: p.about)
+        environment.tests["known"] = lambda v: v == v  # a number
         environment.globals.update({k: f for k, f in vars(words).items() if isfunction(f)})
         environment.globals.update(
-            results=self.results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
-            run_title=self.results.environment.get("results_folder") or self.results.folder.name,
-            stamp=stamp(self.results), facts=facts(self.results), cautions=cautions(self.results),
-            packages=packages(self.results), nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score,
-            slug_of=lambda run: slugs[run.variant], term=term,
+            results=results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
+            run_title=results.environment.get("results_folder") or results.folder.name, stamp=stamp(results),
+            packages=packages(results), nan=float("nan"), num=_num,
+            energy_kind=energy_kind, score_of=score, slug_of=lambda run: slugs[run.variant], term=term,
             related=lambda about: related.get(about, []), families=families(self.looks),
         )  # fmt: skip
         return environment
@@ -193,3 +187,43 @@ def writers() -> Iterator[tuple[str, Callable[[Results, Site], Page | None]]]:
     for module in sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__)):
         if hasattr(module, "write"):
             yield module.__name__, module.write
+
+
+@dataclass(frozen=True)
+class Judged(Generic[T]):
+    """The content of one file, or why there is none; ``published``: why it is that of other results."""
+
+    found: T | None = None
+    why: str = ""
+    published: str = ""
+
+
+def read_judged_or_published(results: Path, file: File[T]) -> Judged[T]:
+    """The same; where these results have no judgement, or allow none, that of the published ones."""
+    own = read_judged(results, file)
+    broken = own.found is None and (Place(results) / files.FOLDER / f"{file.name}.json").is_there()
+    if own.found or broken:
+        return own
+    kept = read_or_why(PUBLISHED, file, f"{JUDGE} --publish")
+    why = own.why or "These results hold no runs to judge it from."
+    return Judged(kept.found, published=why) if kept.found else own
+
+
+def read_judged(results: Path, file: File[T]) -> Judged[T]:
+    """``judgement/<name>.json`` of a results folder."""
+    return read_or_why(Place(results) / files.FOLDER, file, f"{JUDGE} {results.name}")
+
+
+def read_or_why(folder: Place, file: File[T], command: str) -> Judged[T]:
+    """The judgement in ``folder``; ``command`` makes it."""
+    try:
+        return Judged(read_judgement(file, folder))
+    except FileNotFoundError:
+        return Judged(why=f"There is no {folder.name}/{file.name}.json yet. To make it: {command}")
+    except FileError as error:
+        return Judged(why=f"{error}. To make it anew: {command}")
+
+
+def page_of(run: Run) -> str:
+    """The address of a run's page."""
+    return f"runs/{run.record.run_id}.html"

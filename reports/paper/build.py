@@ -1,19 +1,24 @@
 """The paper's figures from results: ``paper/fig01.pdf`` to ``fig12``, with notes in ``paper/captions.json``."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ...harness.places import Place
 from ..model.results import Results, read_results
-from ..plots.palette import looks
-from ..plots.style import SUFFIXES, save
-from .captions import FOLDER, Caption, write
-from .catalogue import FIGURES
-from .drawer import draw
-from .lines import Line, lines_of
-from .notes import caption
-from .picking import Asked, choose
-from .spec import PaperFigure
+from ..plots.printed import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, sheet
+from ..plots.spec import Look, Plot, Trace, looks
+from .captions import FOLDER, Caption, caption, write
+from .catalogue import FIGURES, Panel, PaperFigure, Sketch
+from .lines import Asked, Line, choose, plot_of, records_of
+from .sketch import draw_sketch
+
+COLUMNS = 12
 
 
 def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Callable[[str], None] = lambda words: None,
@@ -26,7 +31,7 @@ def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Cal
     results, out = read_results(Path(folder), check_series=False), []
     for figure in (s for s in FIGURES if s.name in only or not only):
         out.append(one(results, figure, specs, suffixes))
-        missing = sum(not c.found for c in out[-1].runs)
+        missing = sum(not c.run_id for c in out[-1].runs)
         words = f" ({missing} of {len(out[-1].runs)} runs missing)" if missing else ""
         tell(f"{figure.name}: {figure.title}{words}")
     write(results.folder, results.environment, out, names)
@@ -35,13 +40,70 @@ def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Cal
 
 def one(results: Results, figure: PaperFigure, specs: Sequence[Asked], suffixes: Sequence[str] = SUFFIXES) -> Caption:
     """Draw one figure and write its caption."""
-    lines = found_lines(results, figure, specs)
-    own = looks({*results.solvers, *(k.chosen.asked.solver for k in lines)})
+    lines = choose(figure.picks, specs, results.runs, results.readable_series)
+    own = looks({*results.solvers, *(k.asked.solver for k in lines)})
     files = save(lambda: draw(figure, lines, own), Place(results.folder) / FOLDER, figure.name, suffixes)
     return caption(figure, lines, results.folder, [p.name for p in files])
 
 
-def found_lines(results: Results, figure: PaperFigure, specs: Sequence[Asked]) -> list[Line]:
-    """The runs of a figure with their series."""
-    chosen = choose(figure.picks, specs, results.runs)
-    return lines_of(chosen, {c.run.record.run_id: results.readable_series(c.run) for c in chosen if c.run})
+def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) -> Figure:
+    """``spec`` with its runs; ``looks`` by solver."""
+    plots = [[plot_of(p, lines) if isinstance(p, Panel) else p for p in row] for row in spec.rows]
+    panels = [p for row in plots for p in row if isinstance(p, Plot)]
+    named, none = list[Trace](), np.zeros(0)
+    for k in lines if panels else ():  # every run asked for, a missing one without a line
+        solver = k.asked.solver if k.run else ""
+        named.append(Trace(k.words, none, none, solver, "lines" if solver else "markers", k.dash))
+    legend = Legend.of([*named, *(t for p in panels for t in p.traces if not t.solver)], looks, wide=True)
+    figure = sheet(DOUBLE if panels else SINGLE, spec.height * len(spec.rows) + legend.height + 0.1)
+    places = figure.add_gridspec(len(spec.rows), COLUMNS)
+    letter = 0
+    for i, row in enumerate(spec.rows):
+        left, before = 0, None
+        for part, plot in zip(row, plots[i], strict=True):
+            continued = isinstance(part, Panel) and part.continued
+            ax = figure.add_subplot(places[i, left : left + part.width], sharey=before if continued else None)
+            left, before = left + part.width, ax
+            if panels and not continued:
+                ax.set_title(f"{chr(ord('a') + letter)}  {part.title}")
+                letter += 1
+            if isinstance(part, Sketch):
+                source = next((k.series for k in lines if k.series is not None and "frame_t" in k.series), None)
+                if not draw_sketch(ax, part.view, source):
+                    words = fill(plain(f"{lines[0].words}{': no poses recorded' if lines[0].run else ''}"), 40)
+                    ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color=MUTED)
+            elif isinstance(plot, Plot):
+                panel(ax, plot, looks)
+                _frame(ax, part, plot, lines)
+    legend.put(figure)
+    return figure
+
+
+def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[Line]) -> None:
+    """Marks of the paper's panels beside their lines."""
+    ax.set_xlabel(label(plot.x))
+    ax.set_ylabel("" if part.continued else label(plot.y))
+    ax.tick_params(labelleft=not part.continued)
+    ax.xaxis.set_major_locator(MaxNLocator(6 if part.width > 4 else 4, steps=[1, 2, 2.5, 5, 10]))
+    ax.text(0.5, 0.6, plot.caption, transform=ax.transAxes, ha="center", color=MUTED)
+    if not plot.y.log:
+        ax.ticklabel_format(axis="y", useOffset=False)
+    if part.band:
+        _band(ax, plot, lines)
+    starts = [float(t.y[0]) for t in plot.traces if t.solver]
+    for words, y in zip(part.labels, starts, strict=False):  # the first run's, one after the other
+        ax.annotate(words, (1.0, y), xycoords=("axes fraction", "data"), xytext=(4, 0), va="center",
+                    textcoords="offset points", annotation_clip=False)  # fmt: skip
+
+
+def _band(ax: Axes, plot: Plot, lines: Sequence[Line]) -> None:
+    """The allowed energy, shaded; in words where it is wider than the axis."""
+    record = next((r for r in records_of(lines) if r.energy_allowed_J > 0.0), None)
+    if record is None:
+        return
+    low, high = (record.energy_start_J + s * record.energy_allowed_J for s in (-1.0, 1.0))
+    if low < plot.y.low and high > plot.y.high:
+        words = f"allowed: within {record.energy_allowed_J:g} J of the start, beyond this axis"
+        ax.text(0.02, 0.98, words, transform=ax.transAxes, va="top", color=MUTED, fontsize=7)
+    else:
+        ax.axhspan(max(low, plot.y.low), min(high, plot.y.high), color=MUTED, alpha=0.13, linewidth=0)

@@ -1,14 +1,32 @@
-"""Texts about the figures, ``paper/captions.json``: numbers that do not exist are null."""
+"""Texts about the figures, ``paper/captions.json``: runs, how they ended, the judged claims, what is left open.
 
+Numbers that do not exist are null.
+"""
+
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from ...harness.files import LARGEST, to_json
+from ...harness.files import LARGEST, FileError, to_json
 from ...harness.places import NotOwn, Place
+from ...harness.results.judgements import files
+from ...harness.results.judgements.claims import Claim
+from ..model import claim_words
+from ..model.motion import SPANS_SIGNED, SPANS_UPPER
+from .catalogue import PRINTED, Panel, PaperFigure
+from .lines import Line
 
 FOLDER, FILE = "paper", "captions.json"
+SPANS = (
+    f"Lines pass through the smallest and largest value in each of {SPANS_SIGNED} intervals of time, norms on "
+    f"logarithmic axes through the largest in each of {SPANS_UPPER}."
+)
+NUMBERS = (
+    "t_reached_s", "t_end_s", "steps", "energy_start_J", "energy_drift_max_J", "energy_drift_end_J", "phi_max",
+    "phi_dot_max", "position_error_max_m", "orientation_error_max_rad", "step_min_s", "step_max_s",
+)  # fmt: skip
 
 
 class CaptionRun(msgspec.Struct, frozen=True):
@@ -18,25 +36,10 @@ class CaptionRun(msgspec.Struct, frozen=True):
     solver: str
     asked: str  # its settings in words
     settings_id: str
-    found: bool
     run_id: str = ""
-    reasons: tuple[str, ...] = ()  # why it is no success
     status: str = ""
-    t_reached_s: float | None = None
-    t_end_s: float | None = None
-    steps: float | None = None
-    energy_start_J: float | None = None
-    energy_drift_max_J: float | None = None
-    energy_drift_end_J: float | None = None
-    phi_max: float | None = None
-    phi_dot_max: float | None = None
-    position_error_max_m: float | None = None
-    orientation_error_max_rad: float | None = None
-    step_min_s: float | None = None
-    step_max_s: float | None = None
-
-
-COLUMNS = CaptionRun.__struct_fields__[CaptionRun.__struct_fields__.index("status") :]  # those of the record
+    reasons: tuple[str, ...] = ()  # why it is no success
+    numbers: dict[str, float | None] = {}  # those of its record, by column
 
 
 class CaptionClaim(msgspec.Struct, frozen=True):
@@ -92,3 +95,55 @@ def write(folder: Path, environment: Any, made: list[Caption], order: list[str])
     figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
     whole = Captions(str(environment.get("run") or folder.name), str(environment.get("commit", "")), figures)
     (Place(folder) / FOLDER / FILE).write(to_json(whole, indent=1))
+
+
+def caption(figure: PaperFigure, lines: Sequence[Line], folder: Path, written: Sequence[str]) -> Caption:
+    """Caption of one figure; claims stand under the figure with the printed settings.
+
+    They are those judged by these results, or the published ones where there are none that can be read.
+    """
+    try:
+        judged = files.read_claims(Place(folder) / files.FOLDER)
+    except FileError:
+        judged = None
+    claims = files.read_claims(files.PUBLISHED) or () if judged is None else judged
+    return Caption(
+        number=figure.number, name=figure.name, label=figure.label, section=figure.section, title=figure.title,
+        panels=tuple(p.title for p in figure.panels() if p.title),
+        note=tuple(_note(figure, lines)), runs=tuple(map(_run, lines)),
+        claims=tuple(_claim(c) for c in claims if figure.label == PRINTED and figure.number in c.figure),
+        claims_published=judged is None, files=tuple(written),
+    )  # fmt: skip
+
+
+def _claim(c: Claim) -> CaptionClaim:
+    tests = tuple((claim_words.format_measured(t), claim_words.band(t)) for t in c.tests)
+    found = [(f.verdict, claim_words.share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
+    return CaptionClaim(c.id, c.quote, c.claim, claim_words.describe_missing(c), tests, *found)
+
+
+def _note(figure: PaperFigure, lines: Sequence[Line]) -> list[str]:
+    out = []
+    for k in lines:
+        run = k.run
+        if run is None:
+            out.append(f"Not in these results: {k.asked.case}.")
+        elif not run.succeeded:
+            how = run.status.replace("_", " ")
+            if run.stopped:
+                how = f"stops at {run.record.t_reached_s:.5g} s, {how}" if k.series is not None else f"no step, {how}"
+            out.append(f"{k.role}, {k.settings}: {how} ({run.reasons[0]}).")
+    if figure.not_printed:
+        out.append(f"The paper does not print: {'; '.join(figure.not_printed)}.")
+    if any(isinstance(p, Panel) for p in figure.panels()):
+        out.append(SPANS)
+    return out
+
+
+def _run(line: Line) -> CaptionRun:
+    asked, run = line.asked, line.run
+    what = line.role, asked.solver, asked.case, asked.settings_id
+    if run is None:
+        return CaptionRun(*what)
+    numbers = {name: getattr(run.record, name) for name in NUMBERS}
+    return CaptionRun(*what, run.record.run_id, run.record.status, tuple(run.reasons), numbers)

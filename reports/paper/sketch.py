@@ -1,6 +1,5 @@
 """The mechanisms as the paper draws them, from their stored poses: bodies, supports, axes, letters."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,19 +10,10 @@ from scipy.spatial import ConvexHull
 
 from ...harness.results.series import Series
 from ..mechanism.segments import Mechanism, mechanism_of
-from ..plots.style import INK, MUTED
+from ..plots.printed import INK, MUTED
 
 BODY = "#c9d3dd"
 Point = Float[np.ndarray, " 3"]
-
-
-@dataclass(frozen=True)
-class View:
-    """Two space directions that are right and up on paper, and what is drawn on it."""
-
-    right: tuple[float, float, float]
-    up: tuple[float, float, float]
-    draw: "Callable[[Board], None]"
 
 
 @dataclass(frozen=True)
@@ -53,16 +43,20 @@ class Board:
                      markeredgewidth=0.7, zorder=4)  # fmt: skip
 
     def arrow(self, a: np.ndarray, b: np.ndarray, label: str = "", colour: str = INK) -> None:
-        (xa, ya), (xb, yb) = self.flat(a), self.flat(b)
-        self.ax.update_datalim([(xa, ya), (xb, yb)])
-        self.ax.annotate("", (xb, yb), (xa, ya), arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 0.9,
-                         "mutation_scale": 7, "shrinkA": 0, "shrinkB": 0}, zorder=5, annotation_clip=False)  # fmt: skip
+        ends = self.tips(a, b, "-|>", zorder=5, color=colour, linewidth=0.9, mutation_scale=7)
         if label:
-            away = np.array([xb - xa, yb - ya])
-            away = 7.0 * away / (np.linalg.norm(away) or 1.0)
-            self.write(b, label, (float(away[0]), float(away[1])), colour)
+            away = ends[1] - ends[0]
+            self.write(b, label, tuple(7.0 * away / (np.linalg.norm(away) or 1.0)), colour)
 
-    def write(self, at: np.ndarray, label: str, away: tuple[float, float] = (0.0, 0.0), colour: str = INK) -> None:
+    def tips(self, a: np.ndarray, b: np.ndarray, style: str, zorder: float | None = None, **how: object) -> np.ndarray:
+        """A line from a to b with arrow heads; returns its ends on paper."""
+        ends = self.flat(np.array([a, b]))
+        self.ax.update_datalim(ends)
+        self.ax.annotate("", tuple(ends[1]), tuple(ends[0]), annotation_clip=False, zorder=zorder,
+                         arrowprops={"arrowstyle": style, "shrinkA": 0, "shrinkB": 0, **how})  # fmt: skip
+        return ends
+
+    def write(self, at: np.ndarray, label: str, away: tuple[float, ...] = (0.0, 0.0), colour: str = INK) -> None:
         """``label`` so many points from ``at``."""
         self.ax.update_datalim([tuple(self.flat(at))])
         self.ax.annotate(label, tuple(self.flat(at)), xytext=away, textcoords="offset points", ha="center",
@@ -70,10 +64,7 @@ class Board:
 
     def span(self, a: np.ndarray, b: np.ndarray, label: str, away: tuple[float, float]) -> None:
         """A length with arrows at both ends."""
-        ends = [tuple(self.flat(p)) for p in (b, a)]
-        self.ax.update_datalim(ends)
-        self.ax.annotate("", *ends, arrowprops={"arrowstyle": "<|-|>", "color": MUTED, "linewidth": 0.7,
-                         "mutation_scale": 6, "shrinkA": 0, "shrinkB": 0}, annotation_clip=False)  # fmt: skip
+        self.tips(a, b, "<|-|>", color=MUTED, linewidth=0.7, mutation_scale=6)
         self.write(0.5 * (np.asarray(a) + np.asarray(b)), label, away, MUTED)
 
     def support(self, at: np.ndarray, size: float) -> None:
@@ -104,9 +95,9 @@ def draw_sketch(ax: Axes, view: str, series: Series | None) -> bool:
     ax.set_aspect("equal")
     if mechanism is None or series is None:
         return False
-    seen = VIEWS[view]
-    right, up = (np.asarray(e) / np.linalg.norm(e) for e in (seen.right, seen.up))
-    seen.draw(Board(ax, mechanism, series, right, up))
+    directions, draw = VIEWS[view]
+    right, up = (np.asarray(e) / np.linalg.norm(e) for e in directions)
+    draw(Board(ax, mechanism, series, right, up))
     ax.margins(0.1)
     ax.autoscale_view()
     return True
@@ -217,10 +208,8 @@ def _grid(b: Board) -> None:
 
 OBLIQUE = ((-0.45, 0.9, 0.0), (-0.33, -0.165, 0.93))  # X towards the reader's left, Y to the right, Z up
 
-VIEWS = {
-    "rods": View(*OBLIQUE, _rods),
-    "pendulum": View((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), _pendulum),
-    "chain": View((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), _chain),
-    "top": View(*OBLIQUE, _top),
-    "grid": View((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), _grid),
-}
+FRONT = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+VIEWS = {  # two directions of space that are right and up on paper, and what is drawn
+    "rods": (OBLIQUE, _rods), "pendulum": (FRONT, _pendulum), "chain": (FRONT, _chain), "top": (OBLIQUE, _top),
+    "grid": (((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), _grid),
+}  # fmt: skip

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...harness.files import to_json
-from .palette import Look
-from .spec import Axis, Plot, Trace
+from .spec import Axis, Look, Plot, Trace
 
 STEPS = 4095  # of a linear axis: 1/8190 of a curve's own range at most, a twentieth of a pixel
 LOG_STEP = 0.002  # of a logarithmic one: a tenth of a percent of the value at most

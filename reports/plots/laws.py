@@ -6,18 +6,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...harness.types import Law
+from ...harness.results.records import RunRecord
+from ...harness.types import ALLOWED, Law, Status
 from ..model.accuracy import judged_until
-from ..model.curves import SPANS_UPPER, Curve, log_limits, span
-from ..model.focus import MOST
-from ..model.motion import Motion
-from ..model.results import Run
+from ..model.motion import SPANS_UPPER, Curve, Motion, log_limits, motion_of, span
+from ..model.results import Results, Run
 from ..model.words import number, time, unit
-from .limits import limit
-from .lines import Line, traces
-from .spec import Axis, Chapter, Plot, Trace
+from .lines import Line, all_lines, shared_options, traces
+from .spec import MOST, Axis, Chapter, Plot, Trace
 
 BLOWN_UP = 1e-9  # a reference smaller than this part of what is shown is zero: it gives no scale
+LIMITS: Mapping[Law, tuple[str, Callable[[RunRecord], float]]] = {
+    Law.ENERGY: ("J", lambda r: ALLOWED[Law.ENERGY] * r.energy_scale_J),
+    Law.CONSTRAINT: ("m", lambda r: r.phi_limit_m),
+    Law.CONSTRAINT_RATE: ("m/s", lambda r: r.phi_dot_limit_m_per_s),
+}
+ALIKE = 0.01  # limits of runs that differ by less are one line
+JUDGED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
 
 
 @dataclass(frozen=True)
@@ -36,9 +41,6 @@ class Drawing:
         """The meaning of a point of a magnitude."""
         return f"largest in each of {self.spans} spans of time"
 
-    def curves(self, of: Callable[[Motion], Curve | None]) -> list[Curve | None]:
-        return [of(self.motions[line.run.record.run_id]) for line in self.lines]
-
     @property
     def axis(self) -> Axis:
         """To the end of the longest run."""
@@ -51,131 +53,130 @@ class Drawing:
         ends = [r.reference_horizon_s for c in self.runs if (r := c.record).reference and r.reference_horizon_s > 0.0]
         return replace(self.axis, high=min(self.axis.high, 1.02 * max(ends, default=math.inf)))
 
-    def extremes(self, of: Callable[[Motion], Curve | None], until: float = math.inf) -> list[tuple[float, str]]:
+    def named(self, kind: str) -> dict[str, str]:
+        """Names of curves that begin with ``kind``, without it, with their units."""
+        out: dict[str, str] = {}
+        for m in self.motions.values():
+            for name in (n for n in m.curves if n.startswith(kind)):
+                out.setdefault(name.removeprefix(kind), unit(m.units.get(name, "")))
+        return out
+
+    def longest(self, name: str) -> Curve | None:
+        """The one that goes on to the latest time: a run that stopped early has as many points in less of it."""
+        found = (m.curves[name] for m in self.motions.values() if name in m.curves)
+        return max(found, key=lambda c: float(c.t[-1]), default=None)
+
+    def drawn(self, name: str, lines: Iterable[Line]) -> list[tuple[Line, Curve]]:
+        """The lines that have the curve, with it."""
+        found = ((line, self.motions[line.run.record.run_id].curves.get(name)) for line in lines)
+        return [(line, c) for line, c in found if c is not None]
+
+    def extremes(self, name: str, until: float = math.inf) -> list[tuple[float, str]]:
         """The smallest and the largest of the main lines' largest values, with their solvers; one of a single line."""
         main = [line for line in self.lines if line.main]
         own = [line for line in main if line.run.record.label == self.label] or main
         found = [(float(np.max(c.y[c.t <= until], initial=0.0)), line.run.record.solver)
-                 for line in own if (c := of(self.motions[line.run.record.run_id])) is not None and len(c)]  # fmt: skip
+                 for line, c in self.drawn(name, own)]  # fmt: skip
         return [min(found), max(found)][: len(found)] if found else []
 
     def scale(self, column: str) -> float:
         values = [getattr(c.record, column) for c in self.runs]
         return max((v for v in values if v == v), default=1.0)
 
-    def limit(self, law: Law) -> list[Trace]:
-        return limit([line.run for line in self.lines], law, self.axis.high)
+    def log(self, curve: str, name: str, title: str, caption: str, axis: Axis, scale: float,
+            extra: Sequence[Trace] = (), t: Axis | None = None, until: float = math.inf) -> Iterable[Plot]:  # fmt: skip
+        """A quantity of one sign over time; no plot when no run has it."""
+        drawn = self.drawn(curve, self.lines)
+        if drawn:
+            low, high = log_limits([c for _, c in drawn], scale)
+            high = max(high, *(3.0 * v for t in extra for v in t.reach), high)
+            own = traces(drawn, (0.0, high), low)
+            if not any(t.y.any() for t in own):
+                caption = f"Exactly zero throughout. {caption}"
+            found = self.extremes(curve, until)
+            finding = f"{title}: " + " to ".join(f"{number(v)} {axis.unit} ({who})" for v, who in found)
+            focus = tuple(dict.fromkeys([*(who for _, who in found), *self.focus]))[:MOST]
+            axis = replace(axis, log=True, low=low, high=high)
+            yield Plot(name, title, caption, t or self.axis, axis, [*own, *extra], focus=focus if self.focus else (),
+                       finding=finding if found else "")  # fmt: skip
 
-    def log(self, name: str, title: str, caption: str, axis: Axis, of: Callable[[Motion], Curve | None], scale: float,
-            extra: Sequence[Trace] = (), t: Axis | None = None, until: float = math.inf) -> Plot | None:  # fmt: skip
-        """A quantity of one sign over time; None when no run has it."""
-        curves = self.curves(of)
-        if not any(c is not None and len(c) for c in curves):
-            return None
-        low, high = log_limits(curves, scale)
-        high = max(high, *(3.0 * v for t in extra for v in t.reach), high)
-        own = traces(self.lines, self.motions, of, (0.0, high), low)
-        if not any(t.y.any() for t in own):
-            caption = f"Exactly zero throughout. {caption}"
-        found = self.extremes(of, until)
-        finding = f"{title}: " + " to ".join(f"{number(v)} {axis.unit} ({who})" for v, who in found)
-        focus = tuple(dict.fromkeys([*(who for _, who in found), *self.focus]))[:MOST]
-        return Plot(name, title, caption, t or self.axis, replace(axis, log=True, low=low, high=high), [*own, *extra],
-                    focus=focus if self.focus else (), finding=finding if found else "")  # fmt: skip
+
+def draw_runs(results: Results, runs: Sequence[Run], among: Sequence[Run]) -> Drawing:
+    """Every run of ``runs`` as a line; ``among`` are all runs of the problem."""
+    motions = {c.record.run_id: motion_of(c, results.readable_series(c)) for c in runs}
+    return Drawing(among, all_lines(runs, shared_options(runs)), motions)
 
 
 def laws(d: Drawing) -> Chapter | None:
     """Energy error, |phi|, |phi_dot| and step."""
     energy, length = d.scale("energy_scale_J"), d.scale("length_scale_m")
-    plots = [
-        d.log("energy", "Energy error",
-              f"Magnitude, {d.largest}; the work of dampers, loads, user forces and drives is "
-              "subtracted. Above its limit a run is wrong.",
-              Axis("|E − E₀|", "J", symbol="|E-E_0|"), _of("norms", "energy_error"), energy,
-              d.limit(Law.ENERGY)),
-        d.log("phi", "Constraints",
-              f"Norm of the constraint residual, {d.largest}; axis rows have no unit and count as metres.",
-              Axis("|φ|", "m", symbol=r"\|\phi\|"), _of("norms", "phi_norm"), length,
-              d.limit(Law.CONSTRAINT)),
-        d.log("phi-dot", "Constraint rates", f"Norm of its rate, {d.largest}.",
-              Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"), _of("norms", "phi_dot_norm"), length,
-              d.limit(Law.CONSTRAINT_RATE)),
-        d.log("step", "Step", "Median of each span, in a band from smallest to largest.",
-              Axis("Δt", "s", symbol=r"\Delta t"), lambda m: m.step, d.axis.high),
-    ]  # fmt: skip
-    return _chapter("Laws and step", "Quantities that the exact motion conserves, and the accepted steps.", plots)
+    limits = {law: limit([line.run for line in d.lines], law, d.axis.high) for law in LIMITS}
+    return _chapter("Laws and step", "Quantities that the exact motion conserves, and the accepted steps.", [
+        *d.log("energy_error", "energy", "Energy error",
+               f"Magnitude, {d.largest}; the work of dampers, loads, user forces and drives is subtracted. Above its "
+               "limit a run is wrong.", Axis("|E − E₀|", "J", symbol="|E-E_0|"), energy, limits[Law.ENERGY]),
+        *d.log("phi_norm", "phi", "Constraints",
+               f"Norm of the constraint residual, {d.largest}; axis rows have no unit and count as metres.",
+               Axis("|φ|", "m", symbol=r"\|\phi\|"), length, limits[Law.CONSTRAINT]),
+        *d.log("phi_dot_norm", "phi-dot", "Constraint rates", f"Norm of its rate, {d.largest}.",
+               Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"), length, limits[Law.CONSTRAINT_RATE]),
+        *d.log("dt", "step", "Step", "Median of each span, in a band from smallest to largest.",
+               Axis("Δt", "s", symbol=r"\Delta t"), d.axis.high),
+    ])  # fmt: skip
 
 
 def errors(d: Drawing) -> Chapter | None:
     """Distance from the exact motion."""
-    length = d.scale("length_scale_m")
-    until = judged_until(d.runs)
-    own = longest(m.own_error for m in d.motions.values())
+    length, until, own = d.scale("length_scale_m"), judged_until(d.runs), d.longest("reference_own_error")
     floor = [] if own is None else [Trace("the reference's stated error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
-    marks = {} if until is None else {"judged up to here": [until]}
+    known = d.known, until or math.inf
     plots = [
-        d.log("position", "Position error", far, Axis("|r − r exact|", "m"), _of("norms", "position_error"), length,
-              floor, d.known, until or math.inf),
-        d.log("orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), _of("norms", "orientation_error"),
-              1.0, (), d.known, until or math.inf),
+        *d.log("position_error", "position", "Position error", far, Axis("|r − r exact|", "m"), length, floor, *known),
+        *d.log("orientation_error", "orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), 1.0, (),
+               *known),
     ]  # fmt: skip
-    plots = [p and replace(p, marks=marks) for p in plots]  # the plane needs no reference
-    plots.append(d.log("plane", "Out of the plane", "Worst body's distance from the plane that the exact motion stays "
-                       "in.", Axis("distance", "m"), _of("norms", "out_of_plane"), length))  # fmt: skip
     note = "Distance from the exact motion."
     if until is not None:
+        plots = [replace(p, marks={"judged up to here": [until]}) for p in plots]  # the plane needs no reference
         note += f" Errors are judged up to {time(until)} s (dotted line); beyond it the motion is chaotic."
+    plane = "Worst body's distance from the plane that the exact motion stays in."
+    plots += d.log("out_of_plane", "plane", "Out of the plane", plane, Axis("distance", "m"), length)
     return _chapter("Errors against the reference", note, plots)
 
 
 def observables(d: Drawing) -> Chapter | None:
     """Each value with the reference, and the distance from it."""
-    plots: list[Plot | None] = []
-    for name in dict.fromkeys(n for m in d.motions.values() for n in m.observables):
-        exact = longest(m.exact.get(name) for m in d.motions.values())
-        in_unit = unit(next(m.units.get(f"obs_{name}", "") for m in d.motions.values() if name in m.observables))
-        of = _of("observables", name)
-        low, high = value_limits([c for c in d.curves(of) if c is not None and len(c)], exact)
+    plots: list[Plot] = []
+    for name, in_unit in d.named("obs_").items():
+        exact, drawn = d.longest(f"ref_{name}"), d.drawn(f"obs_{name}", d.lines)
+        low, high = value_limits([c for _, c in drawn], exact)
         known = [] if exact is None else [Trace("reference", exact.t, exact.y, reach=span(exact, (low, high)))]
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
-        own = traces(d.lines, d.motions, of, (2 * low - high, 2 * high - low))
+        own = traces(drawn, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
-        off = " to ".join(
-            f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.extremes(_of("away", name))
-        )
+        ends = (f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.extremes(f"away_{name}"))
+        off = " to ".join(ends)
         plots.append(Plot(f"obs-{name}", name, caption, d.known if known else d.axis, axis, [*own, *known],
                           focus=d.focus, finding=f"{name}: off by {off}" if off else ""))  # fmt: skip
-        plots.append(d.log(f"away-{name}", f"{name}: distance from the reference", f"Magnitude, {d.largest}.",
-                           Axis("|difference|", in_unit), _of("away", name), high - low, (), d.known))  # fmt: skip
+        plots += d.log(f"away_{name}", f"away-{name}", f"{name}: distance from the reference",
+                       f"Magnitude, {d.largest}.", Axis("|difference|", in_unit), high - low, (), d.known)  # fmt: skip
     return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)
 
 
 def invariants(d: Drawing) -> Chapter | None:
     """Departure of each from its start."""
-    plots = []
-    for name in dict.fromkeys(n for m in d.motions.values() for n in m.invariants):
-        in_unit = unit(next(m.units.get(f"inv_{name}", "") for m in d.motions.values() if name in m.invariants))
+    plots: list[Plot] = []
+    for name, in_unit in d.named("inv_").items():
         starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.runs]
         size = max((s for s in starts if 0.0 < s < float("inf")), default=1.0)
         caption = f"Departure from the start ({number(size)} {in_unit}), {d.largest}."
-        plots.append(d.log(f"inv-{name}", name, caption, Axis(f"|{name} − start|", in_unit),
-                           _of("invariants", name), size))  # fmt: skip
+        plots += d.log(f"inv_{name}", f"inv-{name}", name, caption, Axis(f"|{name} − start|", in_unit), size)
     return _chapter("Invariants", "Quantities beside energy that the exact motion conserves.", plots)
 
 
-def longest(curves: Iterable[Curve | None]) -> Curve | None:
-    """The one that goes on to the latest time: a run that stopped early has as many points in less of it."""
-    return max((c for c in curves if c is not None and len(c)), key=lambda c: float(c.t[-1]), default=None)
-
-
-def _chapter(title: str, note: str, plots: Sequence[Plot | None]) -> Chapter | None:
-    there = tuple(p for p in plots if p is not None)
-    return Chapter(title, note, there) if there else None
-
-
-def _of(kind: str, name: str) -> Callable[[Motion], Curve | None]:
-    return lambda m: getattr(m, kind).get(name)
+def _chapter(title: str, note: str, plots: Sequence[Plot]) -> Chapter | None:
+    return Chapter(title, note, tuple(plots)) if plots else None
 
 
 def value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.inf) -> tuple[float, float]:
@@ -191,3 +192,17 @@ def value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.
         low, high = max(low, start - reach), min(high, start + reach)
     margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
     return low - margin, high + margin
+
+
+def limit(runs: Sequence[Run], law: Law, end: float) -> list[Trace]:
+    """The line from 0 to ``end`` that the errors of ``runs`` must not cross; none where what is judged is not drawn.
+
+    Each run is judged by its own size: where these differ it is the least, and says so.
+    """
+    unit, of = LIMITS[law]
+    found = [at for r in runs if r.status in JUDGED and (at := of(r.record)) > 0.0]
+    if not found:
+        return []
+    at, alike = min(found), max(found) <= (1.0 + ALIKE) * min(found)
+    words = f"limit {number(at)} {unit}" if alike else f"least limit {number(at)} {unit}, each run its own"
+    return [Trace(words, np.array([0.0, end]), np.full(2, at), dash=1, reach=(at, at))]

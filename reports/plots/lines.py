@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.curves import Curve, level, reach, span
-from ..model.motion import Motion
+from ..model.motion import Curve, level, reach, span
 from ..model.results import Run, Variant, by_solver
 from ..model.words import time
 from .spec import Trace, end_of
@@ -61,17 +60,13 @@ def shared_options(runs: Iterable[Run]) -> dict[str, frozenset[str]]:
     return out
 
 
-def traces(lines: Sequence[Line], motions: Mapping[str, Motion], of: Callable[[Motion], Curve | None],
-           limits: tuple[float, float], floor: float | None = None) -> list[Trace]:  # fmt: skip
-    """One a run that has the curve, cut to ``limits``; on a logarithmic axis what is below ``floor`` is rounding.
+def traces(drawn: Iterable[tuple[Line, Curve]], limits: tuple[float, float], floor: float | None = None) -> list[Trace]:
+    """One a run, cut to ``limits``; on a logarithmic axis what is below ``floor`` is rounding.
 
     Each says what stretch of the axis it needs: those that are hidden take none.
     """
     out = []
-    for line in lines:
-        curve = of(motions[line.run.record.run_id])
-        if curve is None or not len(curve):
-            continue
+    for line, curve in drawn:
         ends = reach(curve, floor) if floor is not None else span(curve, limits)
         low, high = (None if e is None else np.clip(e, *limits) for e in (curve.low, curve.high))
         curve = level(Curve(curve.t, np.clip(curve.y, *limits), low, high))

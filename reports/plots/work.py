@@ -1,21 +1,20 @@
 """Work against error, and the share of accuracy targets reached over work; for problems, the work page and print."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ...harness.results.judgements.runs import WorkProfile
 from ...harness.results.work import evaluations, index_1_evaluations, operations
-from ..model.accuracy import measure_for
-from ..model.focus import choose_focus
+from ..model.accuracy import Measure, measure_for
 from ..model.frontier import SOUND
 from ..model.frontier import least as cheapest
 from ..model.results import Run, Variant, group_by
 from ..model.words import decade, number, seconds
-from .palette import looks
-from .spec import Axis, Chapter, Plot, Trace, end_of
+from .spec import Axis, Chapter, Plot, Trace, choose_focus, end_of
 
 WORKS = {  # words and unit
     "index1": ("index-1 evaluations", ""), "operations": ("evaluations and factorisations", ""),
@@ -39,65 +38,60 @@ NOTE = (
 class Point:
     """Cost and errors of one run; ``works`` and ``errors`` by the keys of ``WORKS`` and ``ERRORS``."""
 
-    variant: str
-    problem: str
-    solver: str
-    words: str
+    run: Run
     page: str
-    status: str
-    label: str
-    works: dict[str, float]
-    errors: dict[str, float]
-    method: str  # runs of one method at several steps are joined by a line
-    default: bool = False  # no option but step or tolerance
-    best: bool = False  # no other run of its solver is both cheaper and as accurate
-    step: str = ""  # step or tolerance in words
-    size: float = 0.0  # of that step or tolerance
-    kind: str = "error"
-    unit: str = ""
-    own: float = math.nan  # stated error of the reference
-    cpu: tuple[float, float] = (math.nan, math.nan)  # [s] least and most of the repeats
-    repeats: int = 0
+    works: Mapping[str, float]
+    errors: Mapping[str, float]
+    best: bool  # no other run of its solver is both cheaper and as accurate
+
+    @property
+    def solver(self) -> str:
+        return self.run.record.solver
+
+    @property
+    def default(self) -> bool:
+        """No option but step or tolerance."""
+        return not self.run.options
+
+    @cached_property
+    def method(self) -> str:
+        """All settings but the step or tolerance: runs of one method are joined by a line."""
+        largest = self.run.record.max_step_s
+        return self.run.method if math.isnan(largest) else f"{self.run.method}, max step {largest:g} s"
 
     def drawable(self, error: str, work: str) -> bool:
         """It has both numbers."""
         return all(math.isfinite(v) and v >= 0.0 for v in (self.errors[error], self.works[work]))
 
 
-def list_points(variant: Variant, page: Callable[[Run], str] = lambda run: "") -> list[Point]:
-    """A point for each run, from its record: all but which settings are the best."""
-    measure = measure_for(variant.runs)
-    kind, unit, own = (measure.what, measure.unit, measure.own) if measure else ("error", "", math.nan)
-    out = []
+def list_points(
+    variant: Variant, page: Callable[[Run], str] = lambda run: "", best: Container[str] = ()
+) -> list[Point]:
+    """A point for each run; ``best`` are the ids of the settings that are marked so."""
+    measure, out = measure_for(variant.runs), []
     for c in variant.runs:
         r = c.record
         works = {"index1": index_1_evaluations(r), "operations": operations(r), "evaluations": evaluations(r),
-                 "factorisations": r.factorisations,
-                 "steps": float(r.steps), "cpu": r.cpu_median_s}  # fmt: skip
+                 "factorisations": r.factorisations, "steps": float(r.steps), "cpu": r.cpu_median_s}  # fmt: skip
         errors = {"error": measure.of(c) if measure else math.nan, "energy": r.energy_drift_max_J, "phi": r.phi_max}
-        out.append(Point(
-            c.variant, r.problem, r.solver, r.case, page(c), c.status, r.label, works, errors, method_of(c),
-            default=not c.options, step=c.step_words, size=c.step_or_tolerance, kind=kind, unit=unit, own=own,
-            cpu=(r.cpu_min_s, r.cpu_max_s), repeats=r.repeats,
-        ))  # fmt: skip
+        out.append(Point(c, page(c), works, errors, r.settings_id in best))
     return out
-
-
-def method_of(run: Run) -> str:
-    """All settings but the step or tolerance."""
-    largest = run.record.max_step_s
-    return run.method if math.isnan(largest) else f"{run.method}, max step {largest:g} s"
 
 
 def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
     """All runs of a problem; None when none has both work and an error."""
-    plots = work_plots("work", list_points(variant, url), PAIRS, front=True)
-    return Chapter("Work against error", NOTE, tuple(plots.values())) if plots else None
+    plots = plots_of(variant, url, front=True)
+    return Chapter("Work against error", NOTE, tuple(plots)) if plots else None
 
 
-def work_plots(name: str, points: Sequence[Point], pairs: Sequence[tuple[str, str]], *,
-               folded: bool = False, front: bool = False) -> dict[str, Plot]:  # fmt: skip
-    """By ``<error>-<work>``; pairs that no run has are left out.
+def plots_of(variant: Variant, url: Callable[[Run], str] = lambda run: "", *, front: bool = False) -> list[Plot]:
+    """Error against work of all runs, for each kind of both that some run has."""
+    return list(work_plots("work", list_points(variant, url), measure_for(variant.runs), front=front).values())
+
+
+def work_plots(name: str, points: Sequence[Point], measure: Measure | None, pairs: Sequence[tuple[str, str]] = PAIRS,
+               *, folded: bool = False, front: bool = False) -> dict[str, Plot]:  # fmt: skip
+    """By ``<error>-<work>``, of the runs of one variant; pairs that no run has are left out.
 
     ``folded`` puts short ladders with options together, a trace a solver, and hides what is neither default nor best;
     ``front`` adds the Pareto front.
@@ -106,64 +100,50 @@ def work_plots(name: str, points: Sequence[Point], pairs: Sequence[tuple[str, st
     for error, work in pairs:
         own = [p for p in points if p.drawable(error, work)]
         if own:
-            what, unit = kind_of(points) if error == "error" else ERRORS[error]
+            what, unit = (measure.what, measure.unit) if error == "error" and measure else ERRORS[error]
             axes = Axis(*WORKS[work], log=True), Axis(what, unit, log=True)
             title = f"{what[0].upper()}{what[1:]} over {WORKS[work][0]}"
-            region = _reference_region(own, work) if error == "error" else []
+            region = _reference_region(own, work, measure.own) if error == "error" and measure else []
             drawn = [*region, *_families(own, work, error, folded)]
             drawn += _front(own, work) if front and error == "error" else []
-            found = race(own, work, error)
+            finding, focus = race(own, work, error, unit)
             out[f"{error}-{work}"] = Plot(
-                f"{name}-{error}-{work}", title, "", *axes, drawn, focus=found.focus,
-                finding=f"{own[0].variant}: {found.words(work, unit) or title}",
+                f"{name}-{error}-{work}", title, "", *axes, drawn, focus=focus,
+                finding=f"{own[0].run.variant}: {finding or title}",
             )  # fmt: skip
     return out
 
 
-@dataclass(frozen=True)
-class Race:
-    """The cost of ``target`` for each solver, as on all pages; the cheapest first, and who does not get there."""
+def race(points: Sequence[Point], work: str, error: str, unit: str) -> tuple[str, tuple[str, ...]]:
+    """What the tightest power of ten costs that at least half of the solvers get below, and whom to show in colour.
 
-    target: float
-    costs: Sequence[tuple[float, str]]
-    missed: Sequence[str]
-
-    @property
-    def focus(self) -> tuple[str, ...]:
-        """The cheapest and the dearest, the cheapest of every family."""
-        order = [*(s for _, s in self.costs), *self.missed]
-        return choose_focus(order, lambda s: looks([s])[s].family)
-
-    def words(self, work: str, unit: str) -> str:
-        """``rkmk_dopri5 needs 12.0 ms for 10⁻⁴ m, ida_index3 96 times as much; 2 of 19 do not get there``."""
-        if len(self.costs) < 2 or not self.costs[0][0] > 0.0:
-            return ""
-        (least, first), (most, last) = self.costs[0], self.costs[-1]
-        cost = seconds(least) if work == "cpu" else f"{number(least)} {WORKS[work][0]}"
-        said = f"{first} needs {cost} for {decade(self.target)} {unit}, {last} {number(most / least, 2)} times as much"
-        total = len(self.costs) + len(self.missed)
-        return f"{said}; {len(self.missed)} of {total} do not get there" if self.missed else said
-
-
-def race(points: Sequence[Point], work: str, error: str) -> Race:
-    """At the tightest power of ten that at least half of the solvers get below."""
+    ``rkmk_dopri5 needs 12.0 ms for 10⁻⁴ m, ida_index3 96 times as much; 2 of 19 do not get there``
+    """
     solvers = sorted({p.solver for p in points})
-    sound = [p for p in points if p.status in SOUND]
+    sound = [p for p in points if p.run.status in SOUND]
     least = sorted(min((p.errors[error] for p in sound if p.solver == s), default=math.inf) for s in solvers)
     middle = least[(len(least) - 1) // 2]
     target = 10.0 ** max(math.ceil(math.log10(middle)), -15) if 0.0 < middle < math.inf else 1e-15
     best: dict[str, float] = {}
     for own in group_by((p for p in sound if p.works[work] > 0.0), lambda p: (p.solver, p.method)).values():
-        ladder = [(p.errors[error], p.works[work]) for p in sorted(own, key=lambda p: -p.size)]
+        ladder = [(p.errors[error], p.works[work]) for p in sorted(own, key=lambda p: -p.run.step_or_tolerance)]
         if found := cheapest(ladder, target):
             best[own[0].solver] = min(found[0], best.get(own[0].solver, math.inf))
-    return Race(target, sorted((v, s) for s, v in best.items()), [s for s in solvers if s not in best])
+    costs = sorted((v, s) for s, v in best.items())
+    focus = choose_focus([*(s for _, s in costs), *(s for s in solvers if s not in best)])
+    if len(costs) < 2 or not costs[0][0] > 0.0:
+        return "", focus
+    (lowest, first), (most, last) = costs[0], costs[-1]
+    cost, ratio = seconds(lowest) if work == "cpu" else f"{number(lowest)} {WORKS[work][0]}", number(most / lowest, 2)
+    said = f"{first} needs {cost} for {decade(target)} {unit}, {last} {ratio} times as much"
+    missed = len(solvers) - len(best)
+    return f"{said}; {missed} of {len(solvers)} do not get there" if missed else said, focus
 
 
 def _front(points: Sequence[Point], work: str) -> list[Trace]:
     """Runs that no other one beats in both cost and error."""
     best, out = math.inf, list[Point]()
-    sound = [p for p in points if p.status in ("success", "inaccurate")]
+    sound = [p for p in points if p.run.status in SOUND]
     for p in sorted(sound, key=lambda p: (p.works[work], p.errors["error"])):
         if p.errors["error"] < best:
             best = p.errors["error"]
@@ -173,20 +153,9 @@ def _front(points: Sequence[Point], work: str) -> list[Trace]:
     return [Trace("Pareto front", _numbers(out, "works", work), _numbers(out, "errors", "error"), dash=2)]
 
 
-def kind_of(points: Sequence[Point]) -> tuple[str, str]:
-    """Which error it is, and its unit; of most points, so that different kinds are not mixed."""
-    kinds = [(p.kind, p.unit) for p in points if p.errors["error"] >= 0.0]
-    return max(set(kinds), key=lambda k: (kinds.count(k), k), default=ERRORS["error"])
-
-
-def reference_error(points: Sequence[Point]) -> float:
-    """The reference's stated error: points below it cannot be distinguished; NaN if not known."""
-    return max((p.own for p in points if p.own > 0.0), default=math.nan)
-
-
-def _reference_region(points: Sequence[Point], work: str) -> list[Trace]:
-    x, y = (_above_zero(v) for v in ([p.works[work] for p in points], [p.errors["error"] for p in points]))
-    own = reference_error(points)
+def _reference_region(points: Sequence[Point], work: str, own: float) -> list[Trace]:
+    """The shaded region below ``own``, the reference's stated error, where some point comes near it."""
+    x, y = (_above_zero(_numbers(points, *of)) for of in (("works", work), ("errors", "error")))
     if not own * NEAR > min(y):
         return []
     edge, bottom = np.full(2, own), np.full(2, min(own / ZERO, min(y) / 2.0))
@@ -196,7 +165,7 @@ def _reference_region(points: Sequence[Point], work: str) -> list[Trace]:
 
 def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> list[Trace]:
     """Runs of one method at several steps, coarsest first; those that stopped early apart from the line."""
-    methods = group_by(sorted(points, key=lambda p: (p.method, -p.size)), lambda p: p.method)
+    methods = group_by(sorted(points, key=lambda p: (p.method, -p.run.step_or_tolerance)), lambda p: p.method)
     out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()
     ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))  # the main ones are solid
     for method, own in ordered:
@@ -206,7 +175,7 @@ def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> l
             continue
         dash = seen[solver] = seen.get(solver, -1) + 1
         name = f"{method}, {label}" if label else method
-        whole = [p for p in own if end_of(p.status) != "failed"]
+        whole = [p for p in own if end_of(p.run.status) != "failed"]
         out += [_trace(name, part, work, error, folded, mode, dash)
                 for part, mode in ((whole, "lines+markers"), ([p for p in own if p not in whole], "markers"))
                 if part]  # fmt: skip
@@ -217,43 +186,44 @@ def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> l
 
 
 def _trace(name: str, own: Sequence[Point], work: str, error: str, folded: bool, mode: str, dash: int) -> Trace:
-    ladder = len({p.method for p in own}) == 1
-    spread = [p.repeats > 1 and work == "cpu" for p in own]
-    left, right = ([p.cpu[k] if s else p.works[work] for p, s in zip(own, spread, strict=True)] for k in (0, 1))
+    ladder, repeated = len({p.method for p in own}) == 1, any(p.run.record.repeats > 1 for p in own) and work == "cpu"
+    spread = [
+        (r.cpu_min_s, r.cpu_max_s) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in (p.run.record for p in own)
+    ]
+    left, right = np.array(spread).T
     return Trace(
         name, _numbers(own, "works", work), _numbers(own, "errors", error), solver=own[0].solver, mode=mode, dash=dash,
-        left=np.array(left) if any(spread) else None, right=np.array(right) if any(spread) else None,
+        left=left if repeated else None, right=right if repeated else None,
         group=_label(own), main=not folded or any(p.default or p.best for p in own),
-        ends=[end_of(p.status) for p in own], urls=[p.page for p in own],
-        words=[point_words(p, whole=not ladder) for p in own],
+        ends=[end_of(p.run.status) for p in own], urls=[p.page for p in own],
+        words=[_describe_point(p, whole=not ladder) for p in own],
     )  # fmt: skip
 
 
 def _label(own: Sequence[Point]) -> str:
     """The label of all; none where a ladder has several."""
-    return own[0].label if len({p.label for p in own}) == 1 else ""
+    labels = {p.run.record.label for p in own}
+    return labels.pop() if len(labels) == 1 else ""
 
 
-def point_words(p: Point, *, whole: bool = True) -> str:
+def _describe_point(p: Point, *, whole: bool) -> str:
     """A point in words; only its step or tolerance where the line already gives the method."""
+    c, r = p.run, p.run.record
     marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
-    ending = [] if p.status in ("success", "unknown") else [p.status.replace("_", " ")]
-    cpu = [f"CPU {seconds(p.cpu[0])} to {seconds(p.cpu[1])} in {p.repeats} repeats"] if p.repeats > 1 else (
-        ["single timing"] if p.repeats else [])  # fmt: skip
-    steps = [f"{number(p.works['steps'])} steps"] if p.works["steps"] >= 0.0 else []
-    named = p.words.removeprefix(f"{p.variant} ") if whole else p.step or p.words
-    return ", ".join([named, *marks, *ending, *cpu, *steps])
+    ending = [] if c.status in ("success", "unknown") else [c.status.replace("_", " ")]
+    cpu = [f"CPU {seconds(r.cpu_min_s)} to {seconds(r.cpu_max_s)} in {r.repeats} repeats"] if r.repeats > 1 else (
+        ["single timing"] if r.repeats else [])  # fmt: skip
+    steps = [f"{number(float(r.steps))} steps"] if r.steps >= 0 else []
+    return ", ".join([r.case.removeprefix(f"{c.variant} ") if whole else c.step_words, *marks, *ending, *cpu, *steps])
 
 
 def _numbers(own: Sequence[Point], kind: str, key: str) -> np.ndarray:
     return np.array([getattr(p, kind)[key] for p in own])
 
 
-def _above_zero(values: Sequence[float]) -> list[float]:
+def _above_zero(values: np.ndarray) -> np.ndarray:
     """With zeros where they are drawn."""
-    above = [v for v in values if v > 0.0]
-    floor = min(above) / ZERO if above else 1e-16
-    return [max(v, floor) for v in values]
+    return np.maximum(values, min(values[values > 0.0], default=1e-16 * ZERO) / ZERO)
 
 
 def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], work: str) -> Plot:
@@ -268,21 +238,13 @@ def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], wo
         for p in found:
             name = f"{p.solver}, {settings}: {len(p.target_work)} of {p.total}"
             traces.append(Trace(name, *steps_of(p, right), solver=p.solver, dash=dash))
-    words, unit = describe_work(work)
+    words, unit = WORKS[work]
     best = sorted(best, key=lambda p: (-len(p.target_work), p.solver))
     finding = f"{best[0].solver} reaches {len(best[0].target_work)} of {best[0].total} targets" if best else ""
-    focus = choose_focus([p.solver for p in best], lambda s: looks([s])[s].family)
+    focus = choose_focus([p.solver for p in best])
     return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=right),
                 Axis("share of all targets reached", "", low=0.0, high=1.02), tuple(traces), wide=True, focus=focus,
                 finding=finding)  # fmt: skip
-
-
-def describe_work(work: str) -> tuple[str, str]:
-    """A kind of work in words, and its unit."""
-    for key, (words, unit) in WORKS.items():
-        if work in (key, f"{key}_{unit}", words):
-            return words, unit
-    return work.replace("_", " "), ""
 
 
 def steps_of(p: WorkProfile, right: float = math.nan) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,9 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
+from .export.engine import SPRINGS, TORSIONS, Taken
 from .export.protocol import Adapter
-from .export.tree import KINDS
+from .export.tree import DRIVES, KINDS
 
 
 @solver("dart")
@@ -29,8 +30,13 @@ class Dart(Adapter):
     package: ClassVar[str] = "dartpy"
     wheel: ClassVar[str] = "dartpy"
     order: ClassVar[float] = 1.0
-    kinds: ClassVar[tuple[str, ...]] = tuple(kind for kind in KINDS if kind != JointKind.CYLINDRICAL)
-    springs: ClassVar[bool] = False
-    torsions: ClassVar[bool] = False
-    loads: ClassVar[str] = "varying"
+    takes: ClassVar[Taken] = Taken(
+        tuple(kind for kind in KINDS if kind != JointKind.CYLINDRICAL), springs=False, torsions=False, loads="varying",
+        lacks={
+            JointKind.CYLINDRICAL: "it has no cylinder, and no body without mass to make one",
+            SPRINGS: "it has none between points",
+            TORSIONS: "it takes those of joints implicitly, which is another law at each step",
+            **dict.fromkeys(DRIVES, "it prescribes velocities, one a step"),
+        },
+    )  # fmt: skip
     stretch: ClassVar[int] = 5_000  # its loop is in Python

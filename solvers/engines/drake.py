@@ -11,10 +11,12 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, StepControl
+from .export.engine import Taken
 from .export.protocol import Adapter
-from .export.tree import spanning_tree
+from .export.tree import DRIVES, spanning_tree
 
 DISCRETE = ("sap", "similar", "lagged", "tamsi")
 INTEGRATORS = {
@@ -22,6 +24,16 @@ INTEGRATORS = {
     "semi_explicit_euler": 1.0, "implicit_euler": 1.0, "velocity_implicit_euler": 1.0, "radau1": 1.0, "radau3": 3.0,
     "cenic": 1.0, **dict.fromkeys(DISCRETE, 1.0),
 }  # fmt: skip
+
+TAKEN = Taken(
+    loads="varying",  # by a system in Python
+    lacks={
+        **dict.fromkeys(DRIVES, "its joints can be locked, not driven"),
+        JointKind.DISTANCE: "its continuous plant ignores it and its discrete steps regularise it",
+        MovingKind.ROLLING: "its contacts are regularised",
+        "rack and pinion": "its couplers of coordinates are regularised",
+    },
+)
 
 
 @solver("drake")
@@ -35,7 +47,7 @@ class Drake(Adapter):
     inside: ClassVar[str] = "drake"
     package: ClassVar[str] = "pydrake"
     wheel: ClassVar[str] = "drake"
-    loads: ClassVar[str] = "varying"  # by a system in Python
+    takes: ClassVar[Taken] = TAKEN
 
     @property
     def order(self) -> float:

@@ -10,7 +10,8 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.types import Problem, StepControl
-from .drake import loops_refusal
+from .drake import TAKEN, loops_refusal
+from .export.engine import Taken
 from .export.protocol import Adapter
 
 INTEGRATORS = ("runge_kutta3", "runge_kutta5", "bogacki_shampine3", "implicit_euler", "radau3", "cenic")
@@ -28,7 +29,7 @@ class DrakeAdaptive(Adapter):
     inside: ClassVar[str] = "drake"
     package: ClassVar[str] = "pydrake"
     wheel: ClassVar[str] = "drake"
-    loads: ClassVar[str] = "varying"  # by a system in Python
+    takes: ClassVar[Taken] = TAKEN
 
     def _cannot(self, problem: Problem, control: StepControl) -> str | None:
         return loops_refusal(problem, self.integrator)

@@ -1,12 +1,13 @@
 """Exudyn: redundant coordinates, implicit integrators, its own compiled loop without range checks.
 
-A body is a node with Euler parameters and their norm as a constraint, a joint is rows of algebraic equations in our
-order of ends: marker 0 on body i, marker 1 on body j or the ground. All but spherical joints are Exudyn's generic joint
-about its z axis, both joint frames equal at the start. Redundant rows are left out, chosen by a pivoted QR of them in
-the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have no row of their own, and
-dense LU that ignores the singular Jacobian. Its defaults stay: modified Newton, and smaller steps where the iteration
-fails; such a run has no fixed steps any more and ends there. Sensors record poses inside the timed loop. Between
-stretches it restarts from its state, with initial accelerations computed anew. Its explicit integrators take no joints.
+A body is a node with Euler parameters and their norm as a constraint, a joint is rows of algebraic equations. Most are
+Exudyn's generic joint about its z axis, both joint frames equal at the start, with marker 0 on body j: an incomplete
+set of its rows is then one of ours. Mechanisms of parallel hinges alone have it on body i. It knows no rate of a drive
+(1.13.6). Redundant rows are left out, chosen by a pivoted QR of them in the frame in which Exudyn states
+them, or kept: then with Tait-Bryan angles, whose nodes have no row of their own, and dense LU that ignores the singular
+Jacobian. Its defaults stay: modified Newton, and smaller steps where the iteration fails; such a run has no fixed steps
+any more and ends there. Sensors record poses inside the timed loop. Between stretches it restarts from its state, with
+initial accelerations computed anew. Its explicit integrators take no joints.
 """
 
 import contextlib
@@ -23,16 +24,17 @@ from jaxtyping import Bool, Float
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.jacobian import constraint_jacobian
-from ...harness.mechanics.joints import JointKind
+from ...harness.mechanics.joints import JointKind, MovingKind
+from ...harness.mechanics.joints.frames import normals_of
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
 from ...harness.mechanics.time_functions import values, varies
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
-from .export.engine import beyond, made_by, missing, package
+from .export.engine import Taken, beyond, made_by, missing, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
-from .export.tree import KINDS
+from .export.tree import DRIVES, KINDS, PARALLEL
 
 PIVOT = 1e-9  # of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
 INTEGRATORS = ("TrapezoidalIndex2", "GeneralizedAlpha")
@@ -40,6 +42,7 @@ OUTPUTS = {"Position": 3, "RotationMatrix": 9, "Velocity": 3, "AngularVelocityLo
 SMALLER = "its iteration failed and it took a smaller step than dt"
 STEEP = 0.99  # sine of the second angle
 ON_GRID = 1e-6  # of a step: recorded times are sums of steps
+AXIAL = (JointKind.REVOLUTE, JointKind.CYLINDRICAL)
 
 
 @solver("exudyn")
@@ -56,13 +59,25 @@ class Exudyn(Clocked):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
+    takes: ClassVar[Taken] = Taken(
+        (*KINDS, JointKind.ON_LINE, JointKind.ON_PLANE, JointKind.NORMAL, JointKind.DISTANCE, MovingKind.ROLLING),
+        loads="varying",
+        lacks={
+            **dict.fromkeys(DRIVES, "its generic joint knows no rate of a prescribed motion"),
+            MovingKind.DRIVEN_DISTANCE: "its distance is a number",
+        },
+    )
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why Exudyn cannot take the problem, or None."""
-        if (reason := missing("exudyn") or beyond(problem.system, KINDS, loads="varying")) is not None:
+        reason = missing("exudyn") or beyond(problem.system, self.takes)
+        if reason is not None:
             return reason
-        model = Model(self, problem, control)
+        try:
+            model = Model(self, problem, control)
+        except ValueError as error:
+            return f"Exudyn does not take the model: {error}"
         steep = np.abs(problem.initial.R[:, 0, 2]) > STEEP
         if model.full and np.any(steep):
             which = problem.system.body_names[int(np.argmax(steep))]
@@ -87,12 +102,15 @@ class Model:
         self._rows = np.ones(system.nrows, dtype=bool) if self.full else _independent_rows(system, start)
         self._container = self._exu.SystemContainer()
         self.mbs = mbs = self._container.AddSystem()
+        self._flat = _is_flat(system, start)
         self._ground = mbs.AddObject(self._exu.itemInterface.ObjectGround())
         self.bodies = [self._body(system, start, b) for b in range(system.nb)]
         for k in range(system.nj):
             self._joint(system, start, k, self._rows[system.row_start[k] : system.row_start[k + 1]])
         for k in range(len(system.spring_k)):
             self._spring(system, k)
+        for k in range(len(system.torsion_k)):
+            self._torsion(system, start, k)
         for k in range(len(system.load_i)):
             self._load(system, k)
         self._sensors = [[self._sensor(b, name) for name in OUTPUTS] for b in self.bodies]
@@ -196,18 +214,58 @@ class Model:
             markers = [self._marker(i, s_i), self._marker(j, s_j)]
             self.mbs.AddObject(items.SphericalJoint(markerNumbers=markers, constrainedAxes=rows.astype(int).tolist()))
             return
+        if system.joint_kind(k) == JointKind.DISTANCE:
+            markers = [self._marker(i, s_i), self._marker(j, s_j)]
+            if rows[0]:
+                length = float(system.joint_length[k])
+                self.mbs.AddObject(items.DistanceConstraint(markerNumbers=markers, distance=length))
+            return
+        if system.joint_kind(k) == MovingKind.ROLLING:
+            self._disc(system, k, rows)
+            return
         in_i, in_j = _joint_frames(system, start, k)
         places = int(system.joint_points[k] + system.joint_lines[k])
         held = dict(zip((*range(places), 4, 3, 5), rows, strict=False))  # a row on x stops turning about y
         markers = [self._marker(i, s_i, in_i), self._marker(j, s_j, in_j)]
         axes = [int(held.get(n, False)) for n in range(6)]
-        self.mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=axes))
+        order = slice(None, None, 1 if self._flat else -1)
+        self.mbs.AddObject(items.GenericJoint(markerNumbers=markers[order], constrainedAxes=axes))
 
     def _spring(self, system: MultibodySystem, k: int) -> None:
         i, j = int(system.spring_i[k]), int(system.spring_j[k])
         markers = [self._marker(i, system.spring_p_i[k]), self._marker(j, system.spring_p_j[k])]
         law = {"stiffness": system.spring_k[k], "damping": system.spring_c[k], "referenceLength": system.spring_d0[k]}
         self.mbs.AddObject(self._exu.itemInterface.SpringDamper(markerNumbers=markers, **law))
+
+    def _torsion(self, system: MultibodySystem, start: State, k: int) -> None:
+        """Its angle is that of marker 1 from marker 0, here from where it is at rest."""
+        i, j, (e, b) = int(system.torsion_i[k]), int(system.torsion_j[k]), system.torsion_n[k]
+        R, axis, u = np.concatenate((start.R, np.eye(3)[None])), np.cross(e, b), system.torsion_u[k]
+        in_i = R[i].T @ R[j] @ axis
+        ends = list(zip(system.joint_i.tolist(), system.joint_j.tolist(), strict=True))
+        hinges = [system.joint_u[n] if ends[n][0] == j else np.cross(*system.joint_n[n, :2])
+                  for n in range(system.nj) if set(ends[n]) == {i, j} and system.joint_kind(n) in AXIAL]  # fmt: skip
+        if not any(abs(abs(axis @ hinge) - 1.0) < PARALLEL for hinge in hinges):
+            raise ValueError("a torsional spring is not about the axis of a hinge or a cylinder")
+        angle = float(system.torsion_rest[k])
+        at_rest = np.cos(angle) * e + np.sin(angle) * b
+        markers = [self._marker(j, np.zeros(3), np.column_stack((at_rest, np.cross(axis, at_rest), axis))),
+                   self._marker(i, np.zeros(3), np.column_stack((u, np.cross(in_i, u), in_i)))]  # fmt: skip
+        law = {"stiffness": float(system.torsion_k[k]), "damping": float(system.torsion_c[k])}
+        self.mbs.AddObject(self._exu.itemInterface.TorsionalSpringDamper(markerNumbers=markers, **law))
+
+    def _disc(self, system: MultibodySystem, k: int, rows: Bool[np.ndarray, " n"]) -> None:
+        """About x of its marker, on the plane x, y of the ground's."""
+        i, j, n, u = int(system.joint_i[k]), int(system.joint_j[k]), system.joint_n[k], system.joint_u[k]
+        if j != GROUND or np.any(system.joint_s_i[k]) or not np.all(rows):
+            raise ValueError(f"the disc {system.joint_names[k]} has to roll on the ground about its centre of mass, "
+                             "and none of its rows may depend on others")  # fmt: skip
+        markers = [self._marker(j, system.joint_s_j[k], np.column_stack((*n[1:], n[0]))),
+                   self._marker(i, np.zeros(3), np.column_stack((u, *normals_of(u))))]  # fmt: skip
+        radius = float(system.joint_length[k])
+        self.mbs.AddObject(self._exu.itemInterface.RollingDiscJoint(
+            markerNumbers=markers, discRadius=radius, discAxis=[1, 0, 0], planeNormal=[0, 0, 1]
+        ))  # fmt: skip
 
     def _load(self, system: MultibodySystem, k: int) -> None:
         """Its factor is called in Python in every evaluation, where it varies."""
@@ -257,13 +315,27 @@ def _tait_bryan(angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) 
 def _joint_frames(
     system: MultibodySystem, start: State, k: int
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-    """Columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i."""
+    """Columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i.
+
+    With Exudyn's marker 0 on j its rows are ours: places along x and y of j, the axis in i normal to x or y of j.
+    """
     R = np.concatenate((start.R, np.eye(3)[None]))
     x, y = system.joint_n[k, :2]
-    if system.joint_kind(k) == JointKind.UNIVERSAL:
+    if system.joint_kind(k) in (JointKind.UNIVERSAL, JointKind.NORMAL):
         y = np.cross(R[system.joint_j[k]].T @ R[system.joint_i[k]] @ system.joint_u[k], x)
+    if system.joint_kind(k) == JointKind.ON_PLANE:
+        y = normals_of(x)[0]
     in_j = np.column_stack((x, y, np.cross(x, y)))
     return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
+
+
+def _is_flat(system: MultibodySystem, start: State) -> bool:
+    """Whether all joints are hinges of one direction."""
+    if not np.all(system.joint_revolute) or not system.nj:
+        return False
+    R = np.concatenate((start.R, np.eye(3)[None]))
+    axes = np.einsum("nij,nj->ni", R[system.joint_i], system.joint_u)
+    return bool(np.max(np.abs(np.cross(axes, axes[0]))) < PARALLEL)
 
 
 def _independent_rows(system: MultibodySystem, start: State) -> Bool[np.ndarray, " nrows"]:

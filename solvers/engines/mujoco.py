@@ -29,18 +29,26 @@ from ...harness.catalogue import registry
 from ...harness.catalogue.mechanism import CompiledMechanism
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from ...harness.mechanics.system import GROUND, MultibodySystem
+from ...harness.mechanics.joints import JointKind, MovingKind
+from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, Status, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
-from .export.engine import beyond, made_by, missing, package
+from .export.engine import VARYING, Taken, beyond, made_by, missing, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
-from .export.plain import springs_of_hinges
-from .export.tree import KINDS, Kind, Tree, spanning_tree
+from .export.plain import plain, springs_of_hinges
+from .export.tree import DRIVES, Kind, Tree, spanning_tree
 
 INTEGRATORS = {  # order in dt without constraints
     "RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0, "discrete": 1.0,
 }  # fmt: skip
+LACKS = {  # type: ignore[misc]
+    **dict.fromkeys((*DRIVES, MovingKind.DRIVEN_DISTANCE), "it has actuators and no prescribed motion"),
+    JointKind.DISTANCE: "a tendon holds its length softly",
+    MovingKind.ROLLING: "its contacts are soft",
+    "rack and pinion": "it couples coordinates softly",
+    VARYING: "controls are constant within a step",
+}
 CONSTRAINT_SOLVERS = ("Newton", "CG", "PGS")
 
 
@@ -68,6 +76,7 @@ class MuJoCo(Clocked):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
+    takes: ClassVar[Taken] = Taken(loads="constant", lacks=LACKS)
 
     @property
     def order(self) -> float:
@@ -78,7 +87,7 @@ class MuJoCo(Clocked):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why MuJoCo cannot take the problem, or None."""
-        if (reason := missing("mujoco") or beyond(problem.system, KINDS, torsions=True, loads="constant")) is not None:
+        if (reason := missing("mujoco") or beyond(problem.system, self.takes)) is not None:
             return reason
         if self.settings == "file" and (reason := _not_as_in_file(problem, control)) is not None:
             return reason
@@ -161,6 +170,8 @@ class Model:
 
 
 def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:
+    from .inside import mjcf  # it imports MuJoCo
+
     system, start = problem.system, problem.initial
     spec = mj.MjSpec()
     o, off = spec.option, mj.mjtDisableBit
@@ -194,41 +205,16 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
         if limb.kind.is_turned:
             part.add_joint(type=kinds.mjJNT_FREE if free else kinds.mjJNT_BALL, pos=limb.s_child)
         for slides, axis in limb.moves():
-            about = springs.get(limb.body)
-            given = {} if about is None else {
-                "stiffness": [about["stiffness"], 0.0, 0.0], "damping": [about["damping"], 0.0, 0.0],
-                "springref": about["rest_angle"],
-            }  # fmt: skip
             kind = kinds.mjJNT_SLIDE if slides else kinds.mjJNT_HINGE
-            part.add_joint(type=kind, pos=limb.s_child, axis=axis, **given)
+            part.add_joint(type=kind, pos=limb.s_child, axis=axis, **mjcf.spring_of(springs.get(limb.body)))
     for cut in tree.cuts:
         row = spec.add_equality(type=mj.mjtEq.mjEQ_CONNECT, objtype=mj.mjtObj.mjOBJ_BODY)
         row.name1, row.name2, row.data[:3] = _name(cut.i), _name(cut.j), cut.s_i
         row.solref, row.solimp = solref, solimp
-    for k in range(len(system.spring_k)):
-        cord = spec.add_tendon(stiffness=[system.spring_k[k], 0.0, 0.0], damping=[system.spring_c[k], 0.0, 0.0],
-                               springlength=[system.spring_d0[k]] * 2)  # fmt: skip
-        for end, body, p in (
-            (0, system.spring_i[k], system.spring_p_i[k]),
-            (1, system.spring_j[k], system.spring_p_j[k]),
-        ):
-            parts[int(body)].add_site(name=f"spring {k} {end}", pos=p)
-            cord.wrap_site(f"spring {k} {end}")
-    for k in range(len(system.load_i)):
-        _add_load(mj, spec, parts, system, k)
+    given = plain(tree, system, start)
+    mjcf.add_springs(spec, parts, given["springs"])
+    mjcf.add_loads(spec, parts, given["loads"])
     return spec
-
-
-def _add_load(mj: ModuleType, spec: Any, parts: dict[int, Any], system: MultibodySystem, k: int) -> None:
-    """A constant load as an actuator without control: its bias is 1, its gear the wrench, in space or in the body."""
-    parts[int(system.load_i[k])].add_site(name=f"load {k}", pos=system.load_p[k])
-    actuator = spec.add_actuator(name=f"load {k}", trntype=mj.mjtTrn.mjTRN_SITE, target=f"load {k}")
-    if not system.load_follows[k]:
-        spec.worldbody.add_site(name=f"load {k} in space")
-        actuator.refsite = f"load {k} in space"
-    actuator.gear = system.load_factor[k, 0] * np.concatenate((system.load_force[k], system.load_torque[k]))
-    actuator.gaintype, actuator.gainprm = mj.mjtGain.mjGAIN_FIXED, np.zeros_like(actuator.gainprm)
-    actuator.biastype, actuator.biasprm = mj.mjtBias.mjBIAS_AFFINE, np.eye(len(actuator.biasprm))[0]
 
 
 def _file_of(problem: Problem) -> Any:

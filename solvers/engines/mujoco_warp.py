@@ -10,9 +10,10 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from ...harness.mechanics.joints import JointKind
+from .export.engine import Taken
 from .export.model_check import SINGLE
 from .export.protocol import Adapter
+from .mujoco import LACKS
 
 INTEGRATORS = {"RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0}
 
@@ -30,9 +31,7 @@ class MuJoCoWarp(Adapter):
     inside: ClassVar[str] = "mujoco_warp"
     package: ClassVar[str] = "mujoco_warp"
     wheel: ClassVar[str] = "mujoco-warp"
-    kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
-    springs: ClassVar[bool] = False
-    torsions: ClassVar[bool] = False
+    takes: ClassVar[Taken] = Taken(loads="constant", lacks=LACKS)
     eps: ClassVar[float] = SINGLE
     moving: ClassVar[bool] = True
     stretch: ClassVar[int] = 200

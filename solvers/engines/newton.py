@@ -15,9 +15,10 @@ from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
 from ...harness.types import Problem, StepControl
+from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
 from .export.protocol import Adapter
 from .export.stepped import Stepped
-from .export.tree import spanning_tree
+from .export.tree import DRIVES, spanning_tree
 
 SOLVERS = ("Featherstone", "MuJoCo", "XPBD", "Kamino")
 MUJOCO = ("euler", "implicitfast", "rk4")
@@ -44,9 +45,16 @@ class Newton(Stepped):
     inside: ClassVar[str] = "newton"
     package: ClassVar[str] = "newton"
     wheel: ClassVar[str] = "newton"
-    kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
-    springs: ClassVar[bool] = False
-    torsions: ClassVar[bool] = False
+    takes: ClassVar[Taken] = Taken(
+        springs=False, torsions=False,
+        lacks={
+            SPRINGS: "its springs are of particles",
+            TORSIONS: "not all its solvers know those of joints",
+            JointKind.DISTANCE: "not all its solvers know it",
+            **dict.fromkeys((LOADS, VARYING), "forces are what its caller sets at each step"),
+            **dict.fromkeys(DRIVES, "its joints have targets, not prescribed motions"),
+        },
+    )  # fmt: skip
     moving: ClassVar[bool] = True
     stretch: ClassVar[int] = 50
 

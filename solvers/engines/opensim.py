@@ -1,8 +1,8 @@
 """OpenSim: Simbody's joint coordinates and integrators with error control, in an environment of its own.
 
 Accuracy is rtol: Simbody estimates the error of each coordinate, weighted, and projects steps onto the loops, which are
-point constraints, where these are off by ``constraint_tolerance``. Drives prescribe coordinates. With ``settings``
-"default" accuracy is that of a Manager that nobody configured.
+point constraints, where these are off by ``constraint_tolerance``; so are distances and points on lines. Drives
+prescribe coordinates. With ``settings`` "default" accuracy is that of a Manager that nobody configured.
 """
 
 from dataclasses import dataclass
@@ -10,8 +10,10 @@ from typing import ClassVar
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.joints import MovingKind
+from .export.engine import Taken
 from .export.protocol import Adapter
-from .export.tree import DRIVES, KINDS
+from .export.tree import DRIVES, KINDS, LINKS
 
 INTEGRATORS = ("RungeKuttaMerson", "RungeKuttaFeldberg", "RungeKutta3", "RungeKutta2", "Verlet", "SemiExplicitEuler2",
                "CPodes")  # fmt: skip
@@ -29,8 +31,14 @@ class OpenSim(Adapter):
     settings: str = option("ours", "accuracy as given by rtol, or as it comes", choices=("ours", "default"))
 
     control: ClassVar[str] = "rtol"
-    kinds: ClassVar[tuple[str, ...]] = (*KINDS, *DRIVES)
-    loads: ClassVar[str] = "varying"
+    takes: ClassVar[Taken] = Taken(
+        (*KINDS, *DRIVES, *LINKS),
+        loads="varying",
+        lacks={
+            MovingKind.ROLLING: "its contact can lift off",
+            "rack and pinion": "it couples coordinates of its tree alone",
+        },
+    )
     inside: ClassVar[str] = "opensim"
     package: ClassVar[str] = "opensim"
     wheel: ClassVar[str] = "opensim"

@@ -19,13 +19,14 @@ from jaxtyping import Float
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
+from ...harness.mechanics.joints import JointKind
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
-from .export.engine import beyond, made_by, missing, package
+from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken, beyond, made_by, missing, package
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
-from .export.tree import KINDS, Kind, Tree, spanning_tree
+from .export.tree import DRIVES, Kind, Tree, spanning_tree
 
 INTEGRATORS = {"RKMK4": 4.0, "Euler": 1.0}
 STRETCH = 1_000  # steps times bodies between two looks at the clock
@@ -45,6 +46,14 @@ class Pinocchio(Clocked):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
+    takes: ClassVar[Taken] = Taken(
+        springs=False, torsions=False,
+        lacks={
+            **dict.fromkeys((SPRINGS, TORSIONS, LOADS, VARYING), "forces are what its caller computes"),
+            **dict.fromkeys(DRIVES, "it has no prescribed motion"),
+            JointKind.DISTANCE: "its constraints are of points and frames",
+        },
+    )  # fmt: skip
 
     @property
     def order(self) -> float:
@@ -53,7 +62,7 @@ class Pinocchio(Clocked):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why Pinocchio cannot take the problem, or None."""
-        if (reason := missing("pinocchio", "pin") or beyond(problem.system, KINDS, springs=False)) is not None:
+        if (reason := missing("pinocchio", "pin") or beyond(problem.system, self.takes)) is not None:
             return reason
         try:
             return model_refusal(self.name, problem, Model(self, problem, control).at_start())

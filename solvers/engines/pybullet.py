@@ -11,7 +11,9 @@ from typing import ClassVar
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
+from .export.engine import LOADS, VARYING, Taken
 from .export.protocol import Adapter
+from .export.tree import DRIVES
 
 
 @solver("pybullet")
@@ -26,9 +28,15 @@ class PyBullet(Adapter):
     inside: ClassVar[str] = "pybullet"
     package: ClassVar[str] = "pybullet"
     wheel: ClassVar[str] = "pybullet"
-    kinds: ClassVar[tuple[str, ...]] = (JointKind.SPHERICAL, JointKind.REVOLUTE)
-    springs: ClassVar[bool] = False
-    torsions: ClassVar[bool] = False
+    takes: ClassVar[Taken] = Taken(
+        (JointKind.SPHERICAL, JointKind.REVOLUTE, JointKind.PRISMATIC, JointKind.FIXED), springs=False, torsions=False,
+        lacks={
+            **dict.fromkeys((JointKind.UNIVERSAL, JointKind.CYLINDRICAL), "its links have one axis, or a ball"),
+            **dict.fromkeys((LOADS, VARYING), "forces are what its caller sets at each step"),
+            "rack and pinion": "its gear is a motor of limited force",
+            **dict.fromkeys(DRIVES, "its motors are of limited force"),
+        },
+    )  # fmt: skip
     stretch: ClassVar[int] = 2_000
     moving: ClassVar[bool] = True
     order: ClassVar[float] = 1.0

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.fuzz.campaign import Settings
-from mbsbench.harness.fuzz.cases import page
+from mbsbench.harness.fuzz.cases import page, read_case, write_cases
 from mbsbench.harness.fuzz.log import SUMMARY, Trial, append_trial, count_trials, read_trials
 from mbsbench.harness.fuzz.oracle import Kind, Outcome
 
@@ -62,3 +63,22 @@ def test_wrong_calls_are_answered_in_one_line(tmp_path, capsys):
     for words in (["nobody"], ["rattle", "--repeat", str(tmp_path / "x.json")], ["rattle", "--set", "colour=1"]):
         assert main(["fuzz", *words]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_finding_says_where_the_bodies_should_be(tmp_path):
+    """Files of both forms, exact places, and an answer that is none; the version is among the notes."""
+    case = read_case(PUBLISHED / "mujoco-74.json")
+    write_cases(tmp_path, [case])
+    (tmp_path / SUMMARY).write_text((PUBLISHED / SUMMARY).read_text())
+    text = " ".join(page(tmp_path).split())
+    assert {p.name for p in tmp_path.glob("*.xml")} == {"mujoco-74.xml", "mujoco-74-form.xml"}
+    assert "exact (-2.10815, 0.557382, -0.713332)" in text and "unit_time=0.001: it does not reach it" in text
+    assert "mujoco 4.0.0" in text
+
+
+def test_answers_of_a_sound_code_end_where_the_exact_motion_does():
+    """In both forms, by name."""
+    oracle = read_case(PUBLISHED / "mujoco-74.json").oracle
+    ends, _ = oracle.answers(make_solver("rkmk_dop853"))
+    assert list(ends) == ["exact", "as drawn", "unit_time=0.001"]
+    assert all(np.allclose(at, ends["exact"], atol=1e-5) for at in ends.values())

@@ -25,7 +25,7 @@ from mbsbench.harness.results.judgements.runs import Order
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Trait
-from mbsbench.reports.tried import Tried, write_page
+from mbsbench.reports.tried import write_page
 
 from ..harness.conftest import PLUGIN
 
@@ -37,7 +37,7 @@ SOLVER = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]
 def laddered(tmp_path):
     """Findings of ``try`` on the coarser half of one ladder alone, of half the time: they decide on the order."""
 
-    def laddered(text: str) -> Tried:
+    def laddered(text: str) -> tuple[list[Finding], list[Order]]:
         (tmp_path / "own.py").write_text(text.replace('"midpoint"', '"own"'), encoding="utf-8")
         registry.load_plugin(tmp_path / "own.py")
         own = [s for s in assessment.plan_runs("own", 60.0) if s.solver == "own" and s.label == "ladder"]
@@ -45,7 +45,7 @@ def laddered(tmp_path):
         folder = store.create(tmp_path / "results")
         records = [run_here(Job(spec, folder)) for spec in specs]  # in this process
         orders = assessment.certify_ladders("own", folder, records)
-        return Tried("own", "", list(assessment.assess("own", folder, records, orders)), orders)
+        return list(assessment.assess("own", folder, records, orders)), orders
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_plugin_files", set())
@@ -55,20 +55,20 @@ def laddered(tmp_path):
         yield laddered
 
 
-def order_of_position(found: Tried) -> Finding:
-    (line,) = (line for line in found.findings if line.measured.quantity == "order, spherical_pendulum, position")
+def order_of_position(found: list[Finding]) -> Finding:
+    (line,) = (line for line in found if line.measured.quantity == "order, spherical_pendulum, position")
     return line
 
 
 def test_ten_lines_have_a_certificate_of_their_order_and_a_page(laddered, tmp_path):
     """Second order, as declared; the page has every line, and draws what was observed beside what is declared."""
-    found = laddered(SOLVER)
+    found, orders = laddered(SOLVER)
     line = order_of_position(found)
     assert line.verdict is Verdict.MET and line.required.text == "2 declared"
     assert 1.8 < float(line.measured.text.split()[0]) < 2.3
-    write_page(tmp_path / "page.html", tmp_path / "results", found)
+    write_page(tmp_path / "page.html", tmp_path / "results", "own", "", found, orders)
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert all(escape(line.measured.quantity) in text and escape(line.measured.text) in text for line in found.findings)
+    assert all(escape(line.measured.quantity) in text and escape(line.measured.text) in text for line in found)
     charts = [base64.b64decode(image).decode() for image in re.findall(r"base64,([^\"]+)", text)]
     assert "declared: order 2" in charts[0] and "position error" in charts[-1]
 
@@ -76,7 +76,7 @@ def test_ten_lines_have_a_certificate_of_their_order_and_a_page(laddered, tmp_pa
 def test_a_fault_falls_short_of_the_declared_order(laddered):
     """A stage at a third of the step is of first order."""
     assert SOLVER.count("dt / 2") == 1
-    line = order_of_position(laddered(SOLVER.replace("dt / 2", "dt / 3")))
+    line = order_of_position(laddered(SOLVER.replace("dt / 2", "dt / 3"))[0])
     assert line.verdict is Verdict.FAILED and float(line.measured.text.split()[0]) < 1.3
 
 

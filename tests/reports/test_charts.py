@@ -9,14 +9,13 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.types import Law
-from mbsbench.reports.model import curves
-from mbsbench.reports.model.growth import growths
+from mbsbench.reports.model import motion as curves
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.plots import palette, style
+from mbsbench.reports.pages.judged.cost import growths
+from mbsbench.reports.plots import printed, spec
 from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
-from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, observables
-from mbsbench.reports.plots.limits import limit
+from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, limit, observables
 from mbsbench.reports.plots.lines import MOST, lines_of, traces
 from mbsbench.reports.plots.printed import Legend, figure
 from mbsbench.reports.plots.spec import Axis, Plot, Trace
@@ -94,7 +93,7 @@ def test_the_measure_of_colours_is_that_of_its_authors():
 @pytest.mark.parametrize("sight", SEEN_WITH)
 def test_families_are_told_apart_with_any_sight(sight):
     """At least 15 apart, and at a contrast of 2.5 on white and 2.9 on dark pages."""
-    colours = {f: c for f, (c, _) in palette.FAMILIES.items()} | palette.OTHERS
+    colours = {f: c for f, (c, _) in spec.FAMILIES.items()} | spec.OTHERS
     seen = {f: lab(SEEN_WITH[sight] @ linear(c)) for f, c in colours.items()}
     for (f, one), (g, two) in itertools.combinations(seen.items(), 2):
         assert apart(one, two) > 15.0, (f, g)
@@ -105,25 +104,25 @@ def test_families_are_told_apart_with_any_sight(sight):
 
 def test_looks_follow_from_the_name_whoever_takes_part():
     """A colour is a family, a marker a solver of it; every shipped solver has a family."""
-    shipped = palette.shipped_looks()
-    together = palette.looks(CATALOGUE)
-    assert all(palette.looks([name])[name] == together[name] == shipped[name] for name in CATALOGUE)
-    assert palette.PLUGINS not in {look.family for look in shipped.values()}
-    own = palette.looks(["aaa", *shipped, "zzz"])
-    assert {name for name, look in own.items() if look.family == palette.PLUGINS} == {"aaa", "zzz"}
-    assert sum(map(len, palette.families(own).values())) == len(own)
-    assert len(palette.looks(f"solver{k}" for k in range(20))) == 20  # more than there are colours
+    shipped = spec.shipped_looks()
+    together = spec.looks(CATALOGUE)
+    assert all(spec.looks([name])[name] == together[name] == shipped[name] for name in CATALOGUE)
+    assert spec.PLUGINS not in {look.family for look in shipped.values()}
+    own = spec.looks(["aaa", *shipped, "zzz"])
+    assert {name for name, look in own.items() if look.family == spec.PLUGINS} == {"aaa", "zzz"}
+    assert sum(map(len, spec.families(own).values())) == len(own)
+    assert len(spec.looks(f"solver{k}" for k in range(20))) == 20  # more than there are colours
 
 
 def test_engines_have_a_marker_of_their_own():
     """Whether it is installed or not: what is not ours is seen at a glance, in pictures for papers too."""
-    looks = palette.looks([*CATALOGUE, "mine", "mujoco", "exudyn"])
-    assert {name for name, look in looks.items() if look.marker == palette.ENGINE} == {"mujoco", "exudyn"}
+    looks = spec.looks([*CATALOGUE, "mine", "mujoco", "exudyn"])
+    assert {name for name, look in looks.items() if look.marker == spec.ENGINE} == {"mujoco", "exudyn"}
     x = np.array([1.0, 2.0])
     traces = [Trace(name, x, x, solver=name, mode="lines+markers") for name in ("mujoco", "gc_weak_form")]
     handles = Legend.of(traces, looks, wide=True).handles
     assert [h.get_label() for h in handles] == ["gc_weak_form", "mujoco (engine)"]
-    assert [h.get_marker() == palette.ENGINE for h in handles] == [False, True]
+    assert [h.get_marker() == spec.ENGINE for h in handles] == [False, True]
 
 
 def test_the_reference_is_drawn_to_its_horizon(tmp_path):
@@ -193,7 +192,7 @@ def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
 
 def test_ends_are_marked_and_settings_named(built):
     d = drawing_of(built[0])
-    found = {t.solver: t for t in traces(d.lines, d.motions, lambda m: m.norms.get("energy_error"), (0.0, 1.0))}
+    found = {t.solver: t for t in traces(d.drawn("energy_error", d.lines), (0.0, 1.0))}
     assert found["delta"].end == "failed" and "step underflow at 0.7 s" in found["delta"].name
     assert found["beta"].end == "wrong" and found["delta"].urls == ("dd01",)
     assert float(found["delta"].x[-1]) == pytest.approx(0.7)
@@ -337,23 +336,23 @@ def test_slope_of_growth_is_that_of_the_data(tmp_path):
     bodies = {c.record.run_id: int(c.record.run_id[1:]) for c in results.runs}
     (found,) = growths(results.runs, bodies)
     assert found.bodies == (3, 6, 12, 24)
-    assert found.slope == pytest.approx(1.0)
+    assert found.fit[0] == pytest.approx(1.0)
     assert not growths(results.runs[:2], bodies)  # two sizes are no evidence
 
 
 def test_text_of_files_is_plain_in_figures():
     """Nothing of it is mathematics."""
-    assert style.plain("a$b") == r"a\$b"
+    assert printed.plain("a$b") == r"a\$b"
 
 
 @pytest.mark.parametrize("decades", [0.5, 0.97, 1.5, 3.0, 30.0])
 @pytest.mark.parametrize("low", [1.05e-5, 2.1e-5, 3.3e-5, 9.1e-5])
 def test_labels_of_a_printed_log_axis_do_not_overlap(low, decades):
     """In the width of one column, from half a decade to thirty; there is always a label."""
-    with style.style():
-        figure = style.sheet(style.SINGLE, 2.0)
+    with printed.style():
+        figure = printed.sheet(printed.SINGLE, 2.0)
         ax, canvas = figure.add_subplot(), FigureCanvasAgg(figure)
-        style.log_axis(ax, "x")
+        printed.log_axis(ax, "x")
         ax.set_xlim(low, low * 10.0**decades)
         canvas.draw()
         ticks = [*ax.xaxis.get_major_ticks(), *ax.xaxis.get_minor_ticks()]
@@ -366,4 +365,4 @@ def test_a_path_that_turns_back_is_drawn(tmp_path):
     """It runs to smaller abscissas: the marks along it stay on it."""
     path = Trace("path", np.array([1.0, 0.5, 0.0]), np.zeros(3), "alpha")
     plot = Plot("paths", "Paths", "", Axis("X", "m"), Axis("Y", "m"), [path])
-    figure([plot], {"alpha": palette.Look("#3D62C7", "o")}).savefig(tmp_path / "path.svg")
+    figure([plot], {"alpha": spec.Look("#3D62C7", "o")}).savefig(tmp_path / "path.svg")

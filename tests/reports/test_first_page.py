@@ -17,10 +17,10 @@ from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Law
 from mbsbench.reports import site
 from mbsbench.reports.mechanism.stage import FRAMES
-from mbsbench.reports.model.margin import margin
+from mbsbench.reports.model.accuracy import margin
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number, seconds
-from mbsbench.reports.pages.runs.bands import ENGINES
+from mbsbench.reports.pages.runs.overview import ENGINES
 
 from .browser import OVERFLOW
 from .conftest import because, put, record
@@ -154,7 +154,7 @@ def test_the_counter_is_the_error_of_the_series(tab):
     plain = moving(0)
     expected = np.interp(1.0, plain.arrays["t"], plain.arrays["position_error"])
     for _, off, _ in said:
-        value, unit = re.match(r"off by ([\d.]+) (mm|m)", off).groups()
+        value, unit = re.match(r"position error ([\d.]+) (mm|m)", off).groups()
         assert float(value) * {"mm": 1e-3, "m": 1.0}[unit] == pytest.approx(expected, rel=0.05)
     assert said[-1][0] == "delta" and said[-1][2] == "wrong" and {s for s, _, _ in said} == {"alpha", "beta", "delta"}
 
@@ -167,8 +167,7 @@ TEXTS = """(() => { const found = [], walk = document.createTreeWalker(document.
     }
     return found; })()"""
 AXIS = re.compile(r"(0\.0*)?1|10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+|10+")  # labels of an axis: powers of ten
-PROSE = ("A dot is a statement of the 2022 paper on ODE-GC, judged at its printed settings and beyond; it leads to "
-         "the numbers.",)  # fmt: skip
+PROSE = ("A dot is a statement of the 2022 paper that proposes",)  # fmt: skip
 
 
 def shown(table: pd.DataFrame) -> set[str]:
@@ -181,7 +180,7 @@ def shown(table: pd.DataFrame) -> set[str]:
     motion = moving(0).arrays
     picture = np.linspace(0.0, motion["t"][-1], FRAMES)[round(1.0 / motion["t"][-1] * (FRAMES - 1))]
     off = np.interp(picture, motion["t"], motion["position_error"])
-    out |= {f"1.0 of {number(motion['t'][-1], 2)} s", f"off by {1e3 * off:.2f} mm"}
+    out |= {f"1.0 of {number(motion['t'][-1], 2)} s", f"position error {1e3 * off:.2f} mm"}
     out |= {"1 mm", f"{table.t_end_s.max():g} s"}
     out |= {f"{role}, dt = {dt:g} s" for role in ("cheapest accurate", "the paper's", "the worst") for dt in table.dt_s}
     out |= race_of(table, "hard", 1e-3)
@@ -194,7 +193,7 @@ def shown(table: pd.DataFrame) -> set[str]:
         out.add(f"{problem}: {all_of[0][1]} needs {seconds(all_of[0][0])} for 10⁻⁴ m, {all_of[-1][1]} {ratio} times "
                 f"as much{missed}")  # fmt: skip
         out |= {f"cost ×{ratio}"}
-    out.add(f"At 10⁻⁴ m, {titles[0]} is cheapest on {titles.count(titles[0])} of {len(titles)} variants; the median "
+    out.add(f"At 10⁻⁴ m, {titles[0]} is cheapest on {titles.count(titles[0])} of {len(titles)} problems; the median "
             f"solver costs {number(sorted(ratios)[len(ratios) // 2], 2)} times as much")  # fmt: skip
     finest = table.sort_values("dt_s").groupby(["problem", "solver"]).first().reset_index()
     for r in finest.itertuples():

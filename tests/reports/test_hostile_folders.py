@@ -213,8 +213,10 @@ ELSEWHERE = {
     "harness/results/store.py": ("exists is_symlink mkdir symlink_to", "the folder itself, and latest beside it"),
     "harness/sandbox/isolation.py": ("open read_text", "/dev/null, /proc/self/status"),
     "reports/model/glossary.py": ("read_text", "our own glossary"),
+    "reports/model/tables.py": ("read_text", "our own columns"),
+    "reports/paper/catalogue.py": ("read_text", "our own figures"),
     "reports/pages/base.py": ("read_bytes", "our own assets"),
-    "reports/plots/palette.py": ("glob", "our own catalogue"),
+    "reports/plots/spec.py": ("glob", "our own catalogue"),
     "reports/site.py": ("iterdir", "our own assets"),
     "reports/tried.py": ("read_bytes write_text", "a temporary folder, and the page that the user named"),
 }

@@ -8,7 +8,7 @@ import pytest
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.reports import site
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.model.shipped import SHIPPED, TUNED, contests
+from mbsbench.reports.pages.judged.engines import SHIPPED, TUNED, contests
 
 from .conftest import put, record
 
@@ -46,6 +46,12 @@ def test_the_tables_of_the_page_on_engines_are_what_is_published():
     """Made by docs/list_engines.py, which publishes nothing of a changed checkout."""
     page = list_engines.PAGE.read_text(encoding="utf-8")
     assert list_engines.TABLES.findall(page) == [list_engines.tables()]
+
+
+def test_the_page_on_engines_lists_what_their_adapters_take():
+    """Made by docs/list_engines.py from what they declare."""
+    page = list_engines.PAGE.read_text(encoding="utf-8")
+    assert list_engines.ELEMENTS.findall(page) == [list_engines.elements()]
 
 
 def test_nothing_is_published_of_a_changed_checkout(tmp_path, monkeypatch):

@@ -7,12 +7,11 @@ import math
 import pytest
 
 from mbsbench.harness.results.shadows import Nearest
+from mbsbench.reports import site
 from mbsbench.reports.model.accuracy import measure_for
-from mbsbench.reports.model.provenance import cautions
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.model.tables import COLUMNS, csv_of, latex_number, latex_of, latex_text
 from mbsbench.reports.model.words import format_signed, number, seconds, unit, whole
-from mbsbench.reports.pages.runs.problems import facts_of
 from mbsbench.reports.plots.work import list_points
 
 from .conftest import HOSTILE, put, record, series
@@ -92,9 +91,9 @@ def test_of_runs_with_the_same_settings_the_latest_is_shown(tmp_path):
     put(tmp_path, record("other", "beta"))
     found = read_results(tmp_path)
     assert {c.record.run_id for c in found.runs} == {"new", "other"}
-    assert "1 earlier run is left out: a later one has the same settings." in cautions(found)
+    assert found.made_again == 1
     put(tmp_path, record("older", settings_id="s", finished="2025-01-01T00:00:00Z"))
-    assert "2 earlier runs are left out: later ones have the same settings." in cautions(read_results(tmp_path))
+    assert read_results(tmp_path).made_again == 2
 
 
 @pytest.mark.parametrize("ending", [{"status": "crashed", "ended_by": "killed"}, {"status": "crashed", "signal": 11},
@@ -105,7 +104,7 @@ def test_a_later_run_that_was_killed_or_crashed_hides_no_success(ending, tmp_pat
     put(tmp_path, record("cut", settings_id="s", finished="2026-01-03T00:00:00Z", **ending))
     found = read_results(tmp_path)
     assert [c.record.run_id for c in found.runs] == ["good"]
-    assert "1 later run is left out: it was cut short or crashed, and an earlier success is shown." in cautions(found)
+    assert (found.made_again, found.cut_short) == (0, 1)
     put(tmp_path, record("lost", settings_id="s", finished="2026-01-02T00:00:00Z", status="diverged"))
     assert [c.record.run_id for c in read_results(tmp_path).runs] == ["lost"]
     put(tmp_path, record("first", "beta", settings_id="b", finished="2026-01-01T00:00:00Z", status="diverged"))
@@ -128,5 +127,5 @@ def test_the_stated_error_of_the_reference_is_told_where_errors_are_judged(tmp_p
     own = {"reference": "exact", "reference_horizon_s": 5.0, "t_end_s": 20.0, "judged_to_s": 1.5}
     put(tmp_path, record("aa", t_reached_s=20.0, reference_own_error_m=1e-3, reference_own_error_judged_m=2e-9, **own))
     put(tmp_path, record("bb", "beta", "diverged", t_reached_s=0.1, reference_own_error_m=1e-11, **own))
-    (*_, fact) = facts_of(read_results(tmp_path).variants[0], 1)
-    assert fact.endswith("0.00100 m up to 5 s, 2.00×10⁻⁹ m up to 1.5 s, where errors are judged")
+    page = (site.build(tmp_path).parent / "problem-pendulum.html").read_text(encoding="utf-8")
+    assert "0.00100 m up to 5 s, 2.00×10⁻⁹ m up to 1.5 s, where errors are judged</p>" in page

@@ -8,10 +8,10 @@ import pytest
 
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.harness.results.series import Series
-from mbsbench.reports.model.growth import growths
+from mbsbench.reports.model.accuracy import measure_for
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
-from mbsbench.reports.plots.growth import growth
+from mbsbench.reports.pages.judged.cost import growth, growths
 from mbsbench.reports.plots.laws import errors, invariants, laws, observables
 from mbsbench.reports.plots.work import list_points, profile_plot, work_plots
 
@@ -97,7 +97,7 @@ def test_work_says_what_the_tightest_common_error_costs(tmp_path):
             put(tmp_path, record(f"{solver}{k}", solver, dt_s=0.1 * 2.0**-k, position_error_max_m=error,
                                  cpu_median_s=cpu))  # fmt: skip
     (variant,) = read_results(tmp_path).variants
-    finding = work_plots("work", list_points(variant), [("error", "cpu")])["error-cpu"].finding
+    finding = work_plots("work", list_points(variant), measure_for(variant.runs))["error-cpu"].finding
     target = 1e-3
     alpha = 0.1 * (0.01 / target) ** 0.5
     assert finding == (

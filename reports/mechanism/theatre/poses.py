@@ -129,7 +129,7 @@ def enough(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
 
 def turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
     """Angle [rad] from each orientation to the next."""
-    return 2.0 * np.arccos(np.clip(np.abs(np.sum(q[1:] * q[:-1], axis=-1)), 0.0, 1.0))
+    return (rotations(q[:-1]).inv() * rotations(q[1:])).magnitude().reshape(-1, q.shape[1])
 
 
 def rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
@@ -144,36 +144,28 @@ def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
     j = np.minimum(k + 1, len(poses) - 1)
     gap = poses.t[j] - poses.t[k]
     u = np.clip(np.divide(t - poses.t[k], gap, out=np.zeros(len(t)), where=gap > 0.0), 0.0, 1.0)[:, None, None]
-    a, b = poses.q[k].astype(float), poses.q[j].astype(float)
-    cosine = np.sum(a * b, axis=-1, keepdims=True)
-    b, cosine = np.where(cosine < 0.0, -b, b), np.minimum(np.abs(cosine), 1.0)
-    angle = np.arccos(cosine)
-    small = angle < 1e-4
-    sine = np.where(small, 1.0, np.sin(angle))
-    q = np.where(small, (1.0 - u) * a + u * b, (np.sin((1.0 - u) * angle) * a + np.sin(u * angle) * b) / sine)
-    q /= np.linalg.norm(q, axis=-1, keepdims=True)
+    a, b = rotations(poses.q[k]), rotations(poses.q[j])
+    turn = (a.inv() * b).as_rotvec().reshape(-1, poses.q.shape[1], 3)
+    q = (a * Rotation.from_rotvec((u * turn).reshape(-1, 3))).as_quat().reshape(poses.q[k].shape)
     return Poses(t, (1.0 - u) * poses.r[k] + u * poses.r[j], q)
 
 
-@dataclass(frozen=True)
-class Filled:
-    """A run's poses without long gaps, how many of them it did not store, and the spans [s] in which none is known."""
-
-    poses: Poses
-    added: int = 0
-    unknown: tuple[tuple[float, float], ...] = ()
+def rotations(q: Float[np.ndarray, "nf nb 4"]) -> Rotation:
+    """All of them, one after the other."""
+    return Rotation.from_quat(q.reshape(-1, 4))
 
 
-def fill(poses: Poses, exact: Poses, size: float) -> Filled:
-    """Poses between stored ones where what ``between`` draws is off: the exact motion with the run's own error.
+def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tuple[float, float], ...]]:
+    """Poses between stored ones where what is drawn between them is off: the exact motion with the run's own error.
 
     The error is that of the stored poses at both ends, interpolated; ``size`` [m] is that of a body. A gap in which
     the exact motion turns by more than pi, with an end that is not near it, cannot be filled: it is unknown.
+    Returns also how many poses were added, and the spans [s] in which none is known.
     """
     inside = (exact.t > poses.t[0]) & (exact.t < poses.t[-1]) & ~np.isin(exact.t, poses.t)
     here, there = exact.at(np.flatnonzero(inside)), interpolate_poses(exact, poses.t)
-    error = Poses(poses.t, poses.r - there.r, _product(there.q * [-1.0, -1.0, -1.0, 1.0], poses.q))
-    angle = 2.0 * np.arccos(np.clip(np.abs(error.q[..., 3]), 0.0, 1.0))
+    error = Poses(poses.t, poses.r - there.r, _product(rotations(there.q).inv(), poses.q))
+    angle = rotations(error.q).magnitude().reshape(error.q.shape[:2])
     far = np.maximum(np.linalg.norm(error.r, axis=-1) / size, angle).max(axis=1) > ALIKE
     far |= poses.t > exact.t[-1] * (1.0 + 1e-12)
     far = far[1:] | far[:-1]
@@ -181,9 +173,9 @@ def fill(poses: Poses, exact: Poses, size: float) -> Filled:
     unknown = np.flatnonzero(far & (np.diff(turned) > np.pi))
     spans = tuple((float(poses.t[k]), float(poses.t[k + 1])) for k in unknown)
     if not len(here):
-        return Filled(poses, unknown=spans)
+        return poses, 0, spans
     own = interpolate_poses(error, here.t)
-    made = Poses(here.t, here.r + own.r, _product(here.q, own.q))
+    made = Poses(here.t, here.r + own.r, _product(rotations(here.q), own.q))
     distance, angle = _apart(interpolate_poses(poses, here.t), made)
     gap = np.searchsorted(poses.t, here.t, side="right") - 1
     off_in = np.zeros(len(far), dtype=bool)
@@ -191,13 +183,12 @@ def fill(poses: Poses, exact: Poses, size: float) -> Filled:
     made = made.at(np.flatnonzero((off_in & ~far)[gap]))
     order = np.argsort(np.concatenate((poses.t, made.t)), kind="stable")
     both = (np.concatenate(pair) for pair in ((poses.t, made.t), (poses.r, made.r), (poses.q, made.q)))
-    return Filled(Poses(*both).at(order), len(made), spans)
+    return Poses(*both).at(order), len(made), spans
 
 
-def _product(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
-    """The rotations a after b, as quaternions."""
-    both = Rotation.from_quat(a.reshape(-1, 4)) * Rotation.from_quat(b.reshape(-1, 4))
-    return both.as_quat().reshape(a.shape)
+def _product(first: Rotation, q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
+    """The rotations ``first`` after ``q``, as quaternions."""
+    return (first * rotations(q)).as_quat().reshape(q.shape)
 
 
 def off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
@@ -214,5 +205,5 @@ def each_off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarra
 def _apart(a: Poses, b: Poses) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
     """The worst body's distance [m] and angle [rad] between poses of the same times."""
     distance = np.max(np.linalg.norm(a.r - b.r, axis=-1), axis=-1)
-    half = np.linalg.norm(a.q - np.sign(np.sum(a.q * b.q, axis=-1, keepdims=True)) * b.q, axis=-1)
-    return distance, np.max(4.0 * np.arcsin(np.clip(0.5 * half, 0.0, 1.0)), axis=-1)
+    angle = (rotations(a.q).inv() * rotations(b.q)).magnitude().reshape(a.q.shape[:2])
+    return distance, np.max(angle, axis=-1)

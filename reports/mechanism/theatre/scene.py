@@ -1,33 +1,20 @@
 """All that one theatre page plays, as plain data: cast, poses, shapes, strips, moments to jump to."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
 
 from ....harness.results.series import Series
-from ...model.results import Results, Run, Variant, by_solver
-from ...plots.palette import Look
-from .cast import cast
-from .poses import (
-    Box,
-    Poses,
-    box_of,
-    columns,
-    enough,
-    fill,
-    finite,
-    off,
-    positions,
-    quaternions,
-    round_mantissa,
-    thin_poses,
-)
-from .shapes import Shape, ends, ground_points, shapes_of
-from .strips import EVENTS, SPANS, Strip, marks_of, select_known, strips_of
+from ...model.results import Results, Run, Variant, by_solver, group_by
+from ...plots.spec import Look
+from ..theatre import poses as packing
+from .poses import Box, Poses, box_of, enough, fill, finite, off, round_mantissa, thin_poses
+from .shapes import EVENTS, SPANS, Shape, ends, ground_points, marks_of, select_known, shapes_of, strips_of
 
 POSE_BYTES = 4_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four
@@ -38,6 +25,14 @@ VIEWS = 60  # poses from which the camera's box is taken
 FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
 LONG = 3000  # [rows] of a series that needs the finer strips
 FLAT = 0.02  # motion this thin, compared with its width, is planar
+AT_MOST = 10  # of one mechanism; more only where more solvers fail, so that each failure is seen
+SOUND = 3  # the best, the middle and the worst
+RULE = (
+    "The best, the middle and the worst of the runs that succeeded by their energy error, of each solver the one with "
+    "the fewest options, then the finest; then of each solver one that is wrong or stopped; then those of the others "
+    "that succeeded, and the rest, failures first. "
+    "Settings that differ only in their label or in the number of steps allowed are shown once."
+)
 
 
 @dataclass(frozen=True)
@@ -78,8 +73,8 @@ def player_of(run: Run, series: Series, poses: Poses) -> Player:
     exact = stored_exact(series)
     if len(poses) < 2 or exact is None or len(exact) < 2 or exact.r.shape[1:] != poses.r.shape[1:]:
         return Player(run, series, poses)
-    whole = fill(poses, exact, run.record.length_scale_m if run.record.length_scale_m > 0.0 else 1.0)
-    return Player(run, series, whole.poses, whole.added, whole.unknown)
+    scale = run.record.length_scale_m
+    return Player(run, series, *fill(poses, exact, scale if scale > 0.0 else 1.0))
 
 
 def stored_exact(series: Series) -> Poses | None:
@@ -113,16 +108,27 @@ def scene(
     ranked = by_solver(p.run for p in (*cast_, *more)).values()  # from a solver's second on: thinner, other dashes
     rank = {run.record.run_id: k for own in ranked for k, run in enumerate(own)}
 
+    exact = exact_of(cast_)
+
     def packed(k: int, p: Player, most: int) -> dict[str, Any]:
-        own = _player(p, box, body, most, (t_end, spans), looks, rank, kinds)
-        return {**own, "marks": marks_of(p.series, p.run, k)}
+        kept, rows = _pack_poses(p.poses, box, body, most)
+        distance, angle = off(p.poses, rows)
+        r, strips = p.run.record, round_mantissa(strips_of(p.series, p.run, t_end, spans, kinds))
+        return {
+            "solver": r.solver, "settings": p.run.settings(), "label": r.label,
+            "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
+            "run": r.run_id, "colour": looks[r.solver].colour, "rank": rank[r.run_id],
+            "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
+            **kept, "stored": len(p.poses) - p.added, "added": p.added, "unknown": p.unknown,
+            "off_m": distance, "off_rad": angle, "strips": strips.ravel(), "marks": marks_of(p.series, p.run, k),
+        }  # fmt: skip
 
     play = {
         "title": variant.title, "t_end": t_end, "bodies": bodies, "scale": scale,
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
         "ground": ground.tolist(), "shapes": shapes, "trail": _trail(lead, shapes), "spans": spans, "strips": kinds,
-        "exact": _exact(exact_of(cast_), box, body),
+        "exact": exact and {**_pack_poses(exact, box, body, MOST_POSES)[0], "until": float(exact.t[-1])},
         "players": [packed(k, p, at_most) for k, p in enumerate(cast_)],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
     }  # fmt: skip
@@ -136,37 +142,12 @@ def exact_of(cast_: Sequence[Player]) -> Poses | None:
     return max(alike, key=lambda e: float(e.t[-1]), default=None)
 
 
-def _exact(poses: Poses | None, box: Box, body: float) -> dict[str, Any] | None:
-    if poses is None:
-        return None
-    kept, _ = _pack_poses(poses, box, body, MOST_POSES)
-    return {**kept, "until": float(poses.t[-1])}
-
-
 def _pack_poses(poses: Poses, box: Box, body: float, at_most: int) -> tuple[dict[str, Any], Int[np.ndarray, " n"]]:
     """Poses as a page holds them, and which ones."""
     rows = enough(poses, at_most, body)
     kept = poses.at(rows)
-    both = np.concatenate((positions(kept.r, box), quaternions(kept.q)), axis=-1)
-    return {"t": kept.t, "poses": columns(both.reshape(len(kept), -1)), "frames": len(kept)}, rows
-
-
-def _player(
-    p: Player, box: Box, body: float, at_most: int, axis: tuple[float, int], looks: Mapping[str, Look],
-    rank: Mapping[str, int], kinds: Sequence[Strip],
-) -> dict[str, Any]:  # fmt: skip
-    kept, rows = _pack_poses(p.poses, box, body, at_most)
-    distance, angle = off(p.poses, rows)
-    strips = round_mantissa(strips_of(p.series, p.run, *axis, kinds))
-    return {
-        "solver": p.run.record.solver, "settings": p.run.settings(), "label": p.run.record.label,
-        "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
-        "run": p.run.record.run_id, "colour": looks[p.run.record.solver].colour, "rank": rank[p.run.record.run_id],
-        "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
-        **kept, "stored": len(p.poses) - p.added, "added": p.added, "unknown": p.unknown,
-        "off_m": distance, "off_rad": angle,
-        "strips": strips.ravel(),
-    }  # fmt: skip
+    both = np.concatenate((packing.positions(kept.r, box), packing.quaternions(kept.q)), axis=-1)
+    return {"t": kept.t, "poses": packing.columns(both.reshape(len(kept), -1)), "frames": len(kept)}, rows
 
 
 def _reach(sound: Sequence[Player], shapes: Sequence[Shape], ground: Float[np.ndarray, "n 3"]) -> Box:
@@ -178,7 +159,7 @@ def _reach(sound: Sequence[Player], shapes: Sequence[Shape], ground: Float[np.nd
     for p in sound:
         some = p.poses.at(thin_poses(p.poses, VIEWS, 1.0))
         for r, q in zip(some.r, some.q, strict=True):
-            x = r[body] + rotate_by(q[body], local)
+            x = r[body] + Rotation.from_quat(q[body]).apply(local)
             corners.append(np.stack((x.min(axis=0) - thick, x.max(axis=0) + thick)))
     return box_of(np.concatenate(corners))
 
@@ -201,14 +182,59 @@ def _trail(lead: Player, shapes: Sequence[Shape]) -> dict[str, Any]:
     bodies = some.r.shape[1]
     for k in range(0, bodies, 1 if bodies <= 200 else 50):
         for end in ends(list(shapes), k):
-            x = some.r[:, k] + rotate_by(some.q[:, k], end)
+            x = some.r[:, k] + Rotation.from_quat(some.q[:, k]).apply(end)
             way = float(np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
             if way > best * (1.0 + 1e-6):
                 best, body, at = way, k, end
     return {"body": body, "at": at.tolist()}
 
 
-def rotate_by(q: Float[np.ndarray, "n 4"], x: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "n 3"]:
-    """R x of each quaternion."""
-    v, w = q[:, :3].astype(float), q[:, 3:].astype(float)
-    return x + 2.0 * np.cross(v, np.cross(v, x) + w * x)
+def cast(variant: Variant, moved: Sequence[str], at_most: int = AT_MOST) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
+    """The runs that play and those left out; ``moved`` are ids of runs with poses. The first is the solid one.
+
+    The first is one that succeeded, with the fewest options and then the least energy drift.
+    """
+    can = [c for c in variant.runs if c.record.run_id in set(moved)]
+    failing = {c.record.solver for c in can if not c.succeeded}
+    at_most += max(len(failing) - (AT_MOST - SOUND), 0)
+    chosen: list[Run] = []
+    for run in _order(can):
+        if len(chosen) < at_most and all(_setting(run) != _setting(other) for other in chosen):
+            chosen.append(run)
+    chosen.sort(key=_soundness)
+    return tuple(chosen), tuple(c for c in variant.runs if c not in chosen)
+
+
+def _order(can: Sequence[Run]) -> Iterator[Run]:
+    """All of ``can``, the most telling first; some more than once."""
+
+    def plainest(c: Run) -> tuple[bool, int, float]:
+        return (not c.succeeded, len(c.options), c.step_or_tolerance)
+
+    def broke(c: Run) -> tuple[bool, bool, float]:
+        return (not c.stopped, c.succeeded, c.step_or_tolerance)
+
+    def label(c: Run) -> tuple[str, str]:
+        return c.record.label, c.record.solver
+
+    by_name = sorted(can, key=lambda c: c.record.solver)
+    firsts = [min(own, key=plainest) for own in by_solver(by_name).values()]
+    known = set(map(label, firsts))
+    sound = sorted((c for c in firsts if c.succeeded), key=_soundness)
+    yield from (sound[k] for k in (0, len(sound) // 2, -1) if sound)
+    yield from (min(own, key=broke) for own in by_solver(c for c in by_name if not c.succeeded).values())
+    yield from firsts
+    by_label = group_by(sorted(can, key=label), label).items()
+    yield from (min(own, key=broke) for name, own in by_label if name not in known)
+    yield from sorted(can, key=broke)
+
+
+def _setting(c: Run) -> tuple[str, ...]:
+    """Its settings, but for the label and the largest number of steps."""
+    r = c.record
+    return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
+
+
+def _soundness(c: Run) -> tuple[bool, int, float, str]:
+    drift = c.record.energy_drift_max_J
+    return (not c.succeeded, len(c.options), drift if drift == drift else float("inf"), c.record.run_id)

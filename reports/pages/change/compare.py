@@ -1,52 +1,205 @@
 """Two results side by side: what changed, the most important first, and which inputs may be the cause."""
 
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from pathlib import Path
 
 from ....harness.places import Place
-from ....harness.results.comparison import Comparison, Likeness, compare, is_repeatable
+from ....harness.results.comparison import METRICS, Change, Likeness, compare, is_repeatable
+from ....harness.results.judgements.claims import Claim, Verdict
 from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.provenance import find_differences, stamp_of
 from ....harness.results.records import RunRecord
-from ...model.curves import upper
-from ...model.provenance import facts
-from ...model.results import Results, Run, read_results, slug
-from ...model.words import join_words, plural
+from ...model.motion import upper
+from ...model.results import Results, Run, group_by, read_results, slug
+from ...model.words import mark, number
 from ...plots.spec import Axis, Plot, Trace
-from ..base import Page, Site, copy_assets
-from ..judgement import links_of, page_of, read_judged
-from . import ranking
-from .ranking import Rank, Ranked
+from ..base import Page, Site, copy_assets, page_of, read_judged
 
 OVERLAYS = 24  # runs whose energy errors are drawn over each other, the largest changes first
 ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js")  # fmt: skip
-HEADS = {
-    Rank.ENDING: ("Endings", "Runs with another status. Those that became wrong come first."),
-    Rank.CLAIM: ("Claims", "Verdicts on the paper that differ."),
-    Rank.PHYSICS: ("Motion", "Energy, constraints, errors that differ by more than two machines may, as fractions of "
-                   "the problem's energy, size or time."),
-    Rank.WORK: ("Work", "Steps and evaluations, which do not depend on the machine."),
-    Rank.TIMING: ("Timings", "Only where spreads do not overlap and the ratio is above 1.3. They depend on the machine "
-                  "and its load: they say nothing about a solver."),
+PHYSICS = {  # column: words, unit, the scale of the record it is measured by
+    "energy_drift_max_J": ("largest energy error", "J", "energy_scale_J"),
+    "energy_drift_end_J": ("energy error at the end", "J", "energy_scale_J"),
+    "position_error_judged_m": ("position error judged", "m", "length_scale_m"),
+    "position_error_max_m": ("largest position error", "m", "length_scale_m"),
+    "orientation_error_judged_rad": ("orientation error judged", "rad", ""),
+    "orientation_error_max_rad": ("largest orientation error", "rad", ""),
+    "phi_max": ("largest |φ|", "m", "length_scale_m"),
+    "phi_dot_max": ("largest |φ̇|", "m/s", "length_scale_m"),
+    "out_of_plane_max_m": ("out of plane", "m", "length_scale_m"),
+    "orthogonality_max": ("|RᵀR−1|", "", ""),
+    "t_reached_s": ("time reached", "s", "t_end_s"),
+}
+WORK = {
+    "steps": "steps", "rejected": "rejected steps", "evaluations": "evaluations", "jacobians": "Jacobians",
+    "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
 }  # fmt: skip
+BETTER = ("good", "inaccurate", "open", "refused", "failed", "wrong")  # endings, best first
+CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.MIXED, Verdict.UNTESTABLE, Verdict.REFUTED)
+SAME = 0.01  # relative: a change this small is neither better nor worse
+LITTLE = 1e-5  # of a problem's scale: shown as "less than"
+SPREAD = 1.3  # timings closer than this factor are called equal
+
+
+class Rank(IntEnum):
+    """Kinds of change, the most important first."""
+
+    ENDING = 0
+    CLAIM = 1
+    PHYSICS = 2
+    WORK = 3
+    TIMING = 4
 
 
 @dataclass(frozen=True)
-class Part:
-    """The changes of one rank."""
+class Ranked:
+    """One change in words."""
 
-    name: str
-    words: str
-    rows: tuple[Ranked, ...]
+    rank: Rank
+    settings_id: str  # of the run, or the claim's name
+    title: str
+    what: str
+    before: str
+    after: str
+    size: str
+    worse: bool | None  # None where neither is better
+    weight: float  # within its rank, the largest first
+    others: tuple["Ranked", ...] = ()  # smaller changes of the same kind in the same run
+
+
+def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
+    """Runs whose status changed; those that became wrong first."""
+    out = []
+    for a, b in pairs(before, after):
+        if a.status != b.status:
+            (then, old), (now, new) = ((m, BETTER.index(m.kind)) for m in (mark(a.status), mark(b.status)))
+            worse = None if old == new or "unfinished" in (a.status, b.status) else new > old
+            weight = 10.0 * (new > old) + max(old, new)
+            out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", then.word, now.word, "", worse, weight))
+    return sort_worst_first(out)
+
+
+def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
+    """Claims with another verdict."""
+    then = {c.id: c for c in before}
+    out = []
+    for c in after:
+        was = then.get(c.id, c)
+        for where, a, b in (("at the paper's settings", was.paper, c.paper), ("beyond them", was.beyond, c.beyond)):
+            if a and b and a.verdict != b.verdict:
+                change = CLAIM_ORDER.index(b.verdict) - CLAIM_ORDER.index(a.verdict)
+                out.append(Ranked(Rank.CLAIM, c.id, c.claim, f"verdict {where}", a.verdict.lower(), b.verdict.lower(),
+                                  "", change > 0, float(abs(change))))  # fmt: skip
+    return sort_worst_first(out)
+
+
+def physics(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
+    """Numbers that changed by more than two machines may differ by, as parts of the problem's own scale."""
+    found = (_physics(a, b, c) for a, b, c in _changes(before, after) if c.metric in PHYSICS)
+    return gather_by_run([r for r in found if r])
+
+
+def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
+    """Counts that changed, the largest ratio first."""
+    out = []
+    for a, _, c in _changes(before, after):
+        if c.metric in WORK and not isinstance(c.before, str) and not isinstance(c.after, str):
+            x, y = c.before, c.after
+            ratio = y / x if x > 0.0 else math.inf if y > 0.0 else 1.0
+            ratio = ratio if math.isfinite(x) and math.isfinite(y) else math.nan
+            weight = abs(math.log(ratio)) if ratio > 0.0 else 99.0
+            out.append(Ranked(Rank.WORK, a.settings_id, a.case, WORK[c.metric], number(x), number(y),
+                              format_ratio(ratio), ratio > 1.0, weight))  # fmt: skip
+    return gather_by_run(out)
+
+
+def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
+    """CPU times further apart than their spreads and than a factor that says nothing."""
+    out = []
+    for a, b in pairs(before, after):
+        x, y = a.cpu_median_s, b.cpu_median_s
+        separate = a.cpu_max_s < b.cpu_min_s or b.cpu_max_s < a.cpu_min_s
+        if x > 0.0 and y > 0.0 and separate and max(x / y, y / x) > SPREAD:
+            out.append(Ranked(Rank.TIMING, a.settings_id, a.case, "CPU time", f"{number(x)} s", f"{number(y)} s",
+                              format_ratio(y / x), y > x, abs(math.log(y / x))))  # fmt: skip
+    return sort_worst_first(out)
+
+
+def pairs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord]]:
+    """Runs of the same settings."""
+    there = {r.settings_id: r for r in after}
+    return [(r, there[r.settings_id]) for r in before if r.settings_id in there]
+
+
+def sort_worst_first(found: list[Ranked]) -> list[Ranked]:
+    """Worst first."""
+    return sorted(found, key=lambda r: (r.rank, -r.weight, r.title, r.what))
+
+
+def gather_by_run(found: list[Ranked]) -> list[Ranked]:
+    """One a run: its largest change, with the others beneath."""
+    by_run = group_by(sort_worst_first(found), lambda r: r.settings_id)
+    return [replace(own[0], others=tuple(own[1:])) for own in by_run.values()]
+
+
+def find_unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> tuple[set[str], set[str]]:
+    """Columns that no record of one run has and some of the other do: what is measured changed, not the motion."""
+    both = pairs(before, after)
+    none = [{m for m in METRICS if all(math.isnan(float(getattr(p[k], m))) for p in both)} for k in (0, 1)]
+    return none[0] - none[1], none[1] - none[0]
+
+
+def format_ratio(ratio: float) -> str:
+    """``2.1 times``."""
+    return f"{number(ratio)} times" if math.isfinite(ratio) and ratio > 0.0 else "–"
+
+
+def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord, Change]]:
+    """Runs that the comparison calls changed, with the two records."""
+    out = []
+    unknown = set.union(*find_unmeasured(before, after))
+    for a, b in pairs(before, after):
+        found = compare([a], [b]).changes
+        out += [(a, b, c) for c in found if c.likeness is Likeness.CHANGED and c.metric not in {"status", *unknown}]
+    return out
+
+
+def _physics(a: RunRecord, b: RunRecord, c: Change) -> Ranked | None:
+    """A number that changed; None where the status says it already."""
+    words, unit, column = PHYSICS[c.metric]
+    x, y = (math.nan if isinstance(v, str) else v for v in (c.before, c.after))
+    scale = float(getattr(a, column)) if column else 1.0
+    scale = scale if scale > 0.0 and math.isfinite(scale) else 1.0
+    gap = abs(abs(y) - abs(x)) if c.metric.endswith("_end_J") else abs(y - x)
+    weight = gap / scale if math.isfinite(gap) else math.inf
+    if a.status != b.status and not math.isfinite(weight):
+        return None
+    alike = math.isnan(x) or math.isnan(y) or gap <= SAME * max(abs(x), abs(y))
+    worse = None if alike else y < x if c.metric == "t_reached_s" else abs(y) > abs(x)
+    share = f"{number(100.0 * weight)} %" if weight >= LITTLE else f"less than {100.0 * LITTLE:g} %"
+    size = f"{share} of the problem's scale" if math.isfinite(weight) else "came or went"
+    limit = a.energy_allowed_J
+    if c.metric == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
+        weight, size = math.inf, f"crosses the benchmark's limit of {number(limit)} J"
+    shown, now = (f"{v} {unit}".strip() for v in apart(x, y))
+    return Ranked(Rank.PHYSICS, a.settings_id, a.case, words, shown, now, size, worse, weight)
+
+
+def apart(x: float, y: float) -> tuple[str, str]:
+    """Both with as many digits as it takes to see that they differ."""
+    pairs_of = ((number(x, digits), number(y, digits)) for digits in range(3, 13))
+    return next((p for p in pairs_of if p[0] != p[1]), (number(x), number(y)))
 
 
 def write_compare(a: Path, b: Path, folder: Place) -> Path:
     """Write ``compare.html`` with what it needs into ``folder``; returns its path."""
     both = read_results(a), read_results(b)
     copy_assets(folder, ASSETS)
-    known = links_of(both[1].runs).runs
+    known = both[1].by_settings
     everyone = (*both[1].runs, *(c for c in both[0].runs if c.record.settings_id not in known))
     site = Site(replace(both[1], runs=everyone), folder)  # solvers of either run have their colour
     write_page(*both, site)
@@ -58,58 +211,35 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
     """The page of the two results."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), changes(a, b)
-    unknown = ranking.find_unmeasured(before, after)
-    changed = {r.settings_id for p in parts for r in p.rows}
+    unmeasured = find_unmeasured(before, after)
+    known = [c for c in found.changes if c.metric not in set.union(*unmeasured)]
+    touched, changed = {c.case for c in known}, {c.case for c in known if c.likeness is Likeness.CHANGED}
+    linked = {r.settings_id for rows in parts.values() for r in rows}
     return site.write(
         Page("Comparison", "compare.html", nav=True, order=90), "compare.html", scripts=["assets/judgement.js"],
-        plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
-        unmeasured=[sorted(u) for u in unknown],
+        plots=overlays(a, b, parts), parts=parts, found=found, touched=touched, changed=changed,
+        limited=touched & {r.case for r in (*before, *after) if not is_repeatable(r)},
+        unmeasured=[sorted(u) for u in unmeasured],
         inputs=find_differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
-        unexplained=describe_unexplained(before, after, found, set.union(*unknown)),
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
-        both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_own_file(),
-        pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
+        both=(a, b), beside=(site.folder / "index.html").is_own_file(),
+        pages=_addresses(a, linked, site.folder) | _addresses(b, linked, site.folder),
     )  # fmt: skip
 
 
-def changes(a: Results, b: Results) -> tuple[Part, ...]:
+def changes(a: Results, b: Results) -> dict[Rank, list[Ranked]]:
     """By rank, the most important first; ranks without a change are left out."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     verdicts = (read_judged(results.folder, CLAIMS).found or () for results in (a, b))
-    rows = [*ranking.endings(before, after), *ranking.claims(*verdicts), *ranking.physics(before, after),
-            *ranking.work(before, after), *ranking.timings(before, after)]  # fmt: skip
-    parts = (Part(*HEADS[rank], tuple(r for r in rows if r.rank is rank)) for rank in Rank)
-    return tuple(p for p in parts if p.rows)
+    rows = [*endings(before, after), *claims(*verdicts), *physics(before, after),
+            *work(before, after), *timings(before, after)]  # fmt: skip
+    return group_by(rows, lambda r: r.rank)
 
 
-def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
-    """How many runs are the same bit for bit, and how many differ by rounding alone; but for ``unknown`` columns."""
-    known = [c for c in found.changes if c.metric not in unknown]
-    touched = {c.case for c in known}
-    changed = {c.case for c in known if c.likeness is Likeness.CHANGED}
-    return found.compared - len(touched), len(touched) - len(changed)
-
-
-def describe_unexplained(
-    before: Sequence[RunRecord], after: Sequence[RunRecord], found: Comparison, unknown: set[str]
-) -> str:
-    """Possible causes of changed runs where no input changed; names no cause where no run changed."""
-    touched = {c.case for c in found.changes if c.metric not in unknown}
-    if not touched:
-        alone = ", but there are runs in one of them only" if found.only_before or found.only_after else ""
-        return f"No input differs, and no result does{alone}."
-    limited = {r.case for r in (*before, *after) if not is_repeatable(r)} & touched
-    parts = [(limited, "a limit on time or memory ended {them}"), (touched - limited, "a solver is not deterministic")]
-    words = [f"{plural(len(own), 'run')}: {cause.format(them='it' if len(own) == 1 else 'them')} "
-             f"({join_words(sorted(own), 3)})" for own, cause in parts if own]  # fmt: skip
-    return f"No input differs, but results do. {'; '.join(words)}."
-
-
-def overlays(a: Results, b: Results, parts: Sequence[Part]) -> list[Plot]:
+def overlays(a: Results, b: Results, parts: Mapping[Rank, Sequence[Ranked]]) -> list[Plot]:
     """The energy errors of both runs, for the runs whose ending or motion changed, the most important first."""
-    runs = [links_of(results.runs).runs for results in (a, b)]
-    ranks = (Rank.ENDING, Rank.PHYSICS)
-    wanted = dict.fromkeys(r.settings_id for p in parts for r in p.rows if r.rank in ranks)
+    runs = [results.by_settings for results in (a, b)]
+    wanted = dict.fromkeys(r.settings_id for rank in (Rank.ENDING, Rank.PHYSICS) for r in parts.get(rank, ()))
     taken: set[str] = set()
     plots = []
     for settings in wanted:

@@ -1,19 +1,19 @@
 """Results over time and commits: a line for each run, and what each results folder amounted to."""
 
-import csv
-import io
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ....harness.files import FileError
 from ....harness.places import NotOwn
 from ....harness.results.history import find_histories, merge_rows, read_folder, read_rows
 from ....harness.results.rows import Row
 from ...model.results import Results, group_by
-from ...model.words import Mark, mark, number
+from ...model.tables import format_csv
+from ...model.words import Mark, mark
 from ..base import Page, Site
 from ..svg import sparkline
 
@@ -32,18 +32,6 @@ HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift
 TABLE = "data/history.csv"
 LEAST = 2  # commits: one is no history
 MOST = 24  # results whose marks are shown in a row, the newest
-
-
-@dataclass(frozen=True)
-class Moment:
-    """One results folder among all."""
-
-    results: str
-    time: str
-    commit: str
-    counts: tuple[tuple[Mark, int], ...]
-    gate: tuple[tuple[Mark, int], ...]
-    total: int
 
 
 @dataclass(frozen=True)
@@ -74,19 +62,20 @@ class Line:
         return tuple(whole if math.isnan(judged) else judged for judged, whole in pairs)
 
     @property
+    def told(self) -> tuple[tuple[tuple[float, ...], float], ...]:
+        """Drift and error, each with what is little of it."""
+        scale = max((r.energy_scale_J for r in self.rows if r.energy_scale_J > 0.0), default=1.0)
+        return (self.values("energy_drift_max_J"), LITTLE * scale), (self.errors, LITTLE)
+
+    @property
     def changed(self) -> bool:
         """Its ending, its drift or its error is not what it was at first."""
-        if len({r.status for r in self.rows}) > 1:
-            return True
-        scale = max((r.energy_scale_J for r in self.rows if r.energy_scale_J > 0.0), default=1.0)
-        return has_moved(self.values("energy_drift_max_J"), LITTLE * scale) or has_moved(self.errors, LITTLE)
+        return len({r.status for r in self.rows}) > 1 or any(has_moved(*told) for told in self.told)
 
     @property
     def lost(self) -> float:
         """Digits lost from the first results to the last, in the drift or the error; negative where they were won."""
-        scale = max((r.energy_scale_J for r in self.rows if r.energy_scale_J > 0.0), default=1.0)
-        pairs = ((self.values("energy_drift_max_J"), LITTLE * scale), (self.errors, LITTLE))
-        ends = [(max(v[0], least), max(v[-1], least)) for v, least in pairs]
+        ends = [(max(v[0], least), max(v[-1], least)) for v, least in self.told]
         digits = [math.log10(b / a) for a, b in ends if math.isfinite(a) and math.isfinite(b)]
         first, last = (WORSE.get(m.kind, 0) for m in (self.marks[0], self.marks[-1]))
         return max(digits, key=abs, default=0.0) + ENDING * (last - first)
@@ -126,25 +115,27 @@ def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
     return tuple(sorted(out, key=lambda k: (not k.changed, k.lost <= 0.0, -abs(k.lost), len(k.rows) == 1, k.case)))
 
 
-def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
+def moments(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Each results folder with the statuses of its runs, the oldest first."""
+    kinds = {**{m.kind: m for m in map(mark, ("success", "inaccurate", "wrong", "refused"))},
+             "failed": Mark("★", "stopped", "failed")}  # fmt: skip
     out = []
     for name, own in group_by(rows, lambda row: row.results).items():
         ends = Counter(mark(r.status).kind for r in own)
-        kinds = {**{m.kind: m for m in map(mark, ("success", "inaccurate", "wrong", "refused"))},
-                 "failed": Mark("★", "stopped", "failed")}  # fmt: skip
-        counts = tuple((m, ends[kind]) for kind, m in kinds.items() if ends[kind])
-        gates = Counter(gate_mark(r.gate) for r in own if r.gate)
-        commits = Counter(r.commit for r in own)
-        out.append(Moment(name, own[0].time, commits.most_common(1)[0][0], counts, tuple(gates.items()), len(own)))
-    return tuple(sorted(out, key=lambda m: (m.time, m.results)))
+        ((commit, _),) = Counter(r.commit for r in own).most_common(1)
+        out.append({
+            "results": name, "time": own[0].time, "commit": commit, "total": len(own),
+            "counts": [(m, ends[kind]) for kind, m in kinds.items() if ends[kind]],
+            "gate": list(Counter(gate_mark(r.gate) for r in own if r.gate).items()),
+        })  # fmt: skip
+    return sorted(out, key=lambda m: (m["time"], m["results"]))
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``history.html``; None while all results are of one commit."""
     rows, bad = gather(results)
     found, runs = lines(results, rows), moments(rows)
-    if len({m.commit for m in runs}) < LEAST and not bad:
+    if len({m["commit"] for m in runs}) < LEAST and not bad:
         return None
     shared = [line for line in found if len(line.rows) > 1]
     shown = [line for line in found if line.changed][:SHOWN]
@@ -153,31 +144,18 @@ def write(results: Results, site: Site) -> Page | None:
         Page("History", "history.html", nav=True, order=60), "history.html", scripts=["assets/judgement.js"],
         lines=shown, shared=len(shared), table=TABLE, new=len(found) - len(shared),
         changed=sum(line.changed for line in found), worse=sum(line.changed and line.lost > 0.0 for line in found),
-        moments=runs, commits=list(dict.fromkeys(m.commit for m in runs)), bad=bad, most=MOST,
-        here=results.folder.resolve().name, spark=spark,
+        moments=runs, commits=list(dict.fromkeys(m["commit"] for m in runs)), bad=bad, most=MOST,
+        here=results.folder.resolve().name, sparkline=sparkline,
     )  # fmt: skip
-
-
-def spark(line: Line, what: str) -> dict[str, object]:
-    """A line over all results with its first and last value."""
-    values = line.errors if what == "error" else line.values(what)
-    known = [v for v in values if v == v]
-    if not known:
-        return {"drawn": "", "first": "", "last": "", "value": ""}
-    words = f"{line.case}: from {number(known[0])} to {number(known[-1])} over {len(values)} results"
-    drawn = sparkline(values, words) if len(values) > 1 else ""
-    return {"drawn": drawn, "first": number(known[0]), "last": number(known[-1]), "value": repr(known[-1])}
 
 
 def table(found: Sequence[Line]) -> str:
     """Each run that several results hold: first and last status, drift and error, and CPU time over the first's."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(HEADS)
+    rows = []
     for line in found:
-        numbers = [v[k] for v in (line.values("energy_drift_max_J"), line.errors) for k in (0, -1)]
+        numbers = [v[k] for v, _ in line.told for k in (0, -1)]
         ends = [f"{v:.4g}" if v == v else "" for v in (*numbers, line.values("cpu_ratio")[-1])]
-        marks = line.marks
-        row = [line.case, len(line.rows), "yes" if line.changed else "no", marks[0].word, marks[-1].word, *ends]
-        writer.writerow([*row, line.gates[-1].word if line.gates else ""])
-    return out.getvalue()
+        marks, gate = line.marks, [m.word for m in line.gates[-1:]]
+        rows.append([line.case, str(len(line.rows)), "yes" if line.changed else "no", marks[0].word, marks[-1].word,
+                     *ends, *(gate or [""])])  # fmt: skip
+    return format_csv([HEADS, *rows])

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from markupsafe import Markup
 
@@ -11,10 +12,9 @@ from ....harness.results.judgements.claims import Claim, Gap, MapRow, Value, Ver
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ...model import claim_words
 from ...model.claim_words import setting
-from ...model.results import Results, group_by, natural, slug
+from ...model.results import Results, Run, group_by, natural, slug
 from ...model.words import Mark, mark, number, unit
-from ..base import Page, Site
-from ..judgement import JUDGE, Links, links_of, read_judged_or_published, read_or_why
+from ..base import JUDGE, Page, Site, page_of, read_judged_or_published, read_or_why
 from ..svg import number_line
 
 AXES = ("tolerance", "gain")  # other dimensions make facets
@@ -31,31 +31,13 @@ VERDICTS: Mapping[Verdict, Mark] = {
     Verdict.UNTESTABLE: Mark("?", "untestable", "refused"),
 }
 LISTED = 40  # runs beside the map
-AGAINST = 4  # cases named that numbers are compared with
 
 
-@dataclass(frozen=True)
-class Box:
-    """One setting; several runs may share a place (other frames, other cases)."""
+def grids(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any]]:
+    """One a facet, all with the same tolerances and gains, so that places can be compared.
 
-    mark: Mark
-    words: str  # all of it, for hover, focus and screen readers
-    page: str
-    printed: bool  # the settings that the paper prints
-
-
-@dataclass(frozen=True)
-class Grid:
-    """One facet."""
-
-    title: str
-    tolerances: tuple[str, ...]
-    gains: tuple[str, ...]
-    rows: tuple[tuple[tuple[Box, ...], ...], ...]  # by gain, by tolerance
-
-
-def grids(rows: Sequence[MapRow], links: Links) -> tuple[Grid, ...]:
-    """One a facet, all with the same tolerances and gains, so that places can be compared."""
+    A row of boxes a gain, several boxes a tolerance where runs share a place (other frames, other cases).
+    """
     tolerances, gains = (_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
     facets = tuple(dict.fromkeys(k for m in rows for k in m.at if k not in AXES))
     found = group_by(rows, lambda m: tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets))
@@ -63,12 +45,10 @@ def grids(rows: Sequence[MapRow], links: Links) -> tuple[Grid, ...]:
     out = []
     for key, own in found.items():
         title = ", ".join(key[k] for k in varies if key[k]) or ", ".join(filter(None, key)) or "all settings"
-        boxes = tuple(
-            tuple(_place([m for m in own if (_text(m.at.get("gain")), _text(m.at.get("tolerance"))) == (g, t)], links)
-                  for t in tolerances) for g in gains
-        )  # fmt: skip
-        out.append(Grid(title, tolerances, gains, boxes))
-    return tuple(sorted(out, key=lambda g: g.title))
+        places = group_by(own, lambda m: (_text(m.at.get("gain")), _text(m.at.get("tolerance"))))
+        boxes = [[_place(places.get((g, t), ()), here) for t in tolerances] for g in gains]
+        out.append({"title": title, "tolerances": tolerances, "gains": gains, "rows": boxes})
+    return sorted(out, key=lambda g: g["title"])
 
 
 def state(m: MapRow) -> Mark:
@@ -79,25 +59,23 @@ def state(m: MapRow) -> Mark:
     return HOLDS if m.holds else FAILED if stopped else NOT
 
 
-def _place(rows: Sequence[MapRow], links: Links) -> tuple[Box, ...]:
-    """A box a run; one box for all of a place that many share."""
+def _place(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any]]:
+    """A box a run; one box for all of a place that many share. ``words`` are for hover, focus and screen readers."""
+    out = []
+    for m in rows:
+        mark_of_it, run = state(m), here.get(m.settings_id)
+        measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
+        printed = ", as the paper prints it" if m.printed else ""
+        name = f"{run.variant} {run.record.solver}" if run else m.case  # its page, place and facet have the settings
+        words = f"{name} – {mark_of_it.word}{measured}, ended {mark(m.status).word}{printed}"
+        out.append({"mark": mark_of_it, "words": words, "page": page_of(run) if run else "", "printed": m.printed})
     if len(rows) <= MOST:
-        return tuple(_box(m, links) for m in rows)
-    holds = sum(m.holds is True for m in rows)
+        return out
+    holds, stopped = (sum(state(m) is kind for m in rows) for kind in (HOLDS, FAILED))
     kind = HOLDS.kind if holds == len(rows) else NOT.kind if holds == 0 else FAILED.kind
-    stopped = sum(state(m) is FAILED for m in rows)
-    words = f"{holds} of {len(rows)} runs hold, {stopped} do not and stopped; first {_box(rows[0], links).words}"
-    page = links.page(rows[0].settings_id)
-    return (Box(Mark(f"{holds}/{len(rows)}", "", kind), words, page, any(m.printed for m in rows)),)
-
-
-def _box(m: MapRow, links: Links) -> Box:
-    here, run = state(m), links.runs.get(m.settings_id)
-    measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
-    printed = ", as the paper prints it" if m.printed else ""
-    name = f"{run.variant} {run.record.solver}" if run else m.case  # its page, place and facet have the settings
-    words = f"{name} – {here.word}{measured}, ended {mark(m.status).word}{printed}"
-    return Box(here, words, links.page(m.settings_id), m.printed)
+    words = f"{holds} of {len(rows)} runs hold, {stopped} do not and stopped; first {out[0]['words']}"
+    return [out[0] | {"mark": Mark(f"{holds}/{len(rows)}", "", kind), "words": words,
+                      "printed": any(m.printed for m in rows)}]  # fmt: skip
 
 
 def _values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
@@ -120,14 +98,19 @@ class Shown:
 
     of: Claim
     anchor: str
-    section: str
-    mark: Mark
     line: Markup | None
-    settings: tuple[tuple[str, str], ...]
     runs: tuple[tuple[str, str], ...]  # those not on the map: words and address, empty for one that is not here
     solvers: tuple[str, ...]
-    grids: tuple[Grid, ...]
+    grids: list[dict[str, Any]]
     published: bool = False  # these results lack its runs: the published verdict
+
+    @property
+    def mark(self) -> Mark:
+        return VERDICTS[self.of.verdict]
+
+    @property
+    def section(self) -> str:
+        return f"Sect. {self.of.section}" if self.of.section[:1].isdigit() else self.of.section
 
     @property
     def sides(self) -> tuple[tuple[str, Mark, str], ...]:
@@ -140,25 +123,14 @@ class Shown:
         return self.of.kind == "presentation"
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A claim with other verdicts than the published ones."""
-
-    id: str
-    anchor: str
-    before: Mark | None
-    after: Mark | None
-    words: str
-
-
-def claims_of(claims: Sequence[Claim], links: Links, published: Sequence[Claim] = ()) -> tuple[Shown, ...]:
+def claims_of(claims: Sequence[Claim], here: Mapping[str, Run], published: Sequence[Claim] = ()) -> tuple[Shown, ...]:
     """By section and figure, else in the order of the register; a claim that lacks runs here as it was published."""
     taken: set[str] = set()
     kept = {c.id: c for c in published}
     instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
     ordered = sorted((instead.get(c.id, c) for c in claims), key=lambda c: (natural(c.section), c.figure))
-    shown = (_show_claim(c, links, slug(c.id, taken)) for c in ordered)
-    return tuple(replace(s, published=True, grids=(), runs=()) if s.of.id in instead else s for s in shown)
+    shown = (_show_claim(c, here, slug(c.id, taken)) for c in ordered)
+    return tuple(replace(s, published=True, grids=[], runs=()) if s.of.id in instead else s for s in shown)
 
 
 def lacks_runs(claim: Claim) -> bool:
@@ -187,7 +159,7 @@ def counts(claims: Iterable[Shown]) -> list[tuple[Mark, int]]:
     return [(m, found[v]) for v, m in VERDICTS.items()]
 
 
-def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequence[Shown]) -> list[Difference]:
+def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequence[Shown]) -> list[dict[str, Any]]:
     """From the published verdicts: changed ones first, then claims that came and went."""
     now, then = ({c.id: c for c in found} for found in (claims, published))
     anchors = {c.of.id: c.anchor for c in shown}
@@ -199,50 +171,37 @@ def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequ
         words = f"{old.verdicts}: {_first(old)} before; {new.verdicts}: {_first(new)} now" if new and old else (
             "not published yet" if new else "published, but not judged here")  # fmt: skip
         before, after = (VERDICTS[c.verdict] if c else None for c in (old, new))
-        out.append(Difference(name, anchors.get(name, ""), before, after, words))
-    return sorted(out, key=lambda d: (d.before is None, d.after is None, natural(d.id)))
+        out.append({"id": name, "anchor": anchors.get(name, ""), "before": before, "after": after, "words": words})
+    return sorted(out, key=lambda d: (d["before"] is None, d["after"] is None, natural(d["id"])))
 
 
 def _first(c: Claim) -> str:
     return claim_words.format_measured(c.tests[0]) if c.tests else "nothing"
 
 
-def _show_claim(c: Claim, links: Links, anchor: str) -> Shown:
-    mark, line = VERDICTS[c.verdict], None
+def _show_claim(c: Claim, here: Mapping[str, Run], anchor: str) -> Shown:
+    """With the runs that are not on the map, a few of them; those that are not in these results are counted."""
+    line = None
     if c.tests:
         first = c.tests[0]
         low, high = (v if v is not None else end for v, end in zip(first.band, (-math.inf, math.inf), strict=True))
-        line = number_line(first.measured, low, high, unit(first.unit), mark.kind, c.measured_range)
-    settings = [
-        (claim_words.spell_out(k), ", ".join(claim_words.value(k, v) for v in vs)) for k, vs in c.settings.items()
-    ]
-    if c.against:
-        more = len(c.against) - AGAINST
-        settings.append(("against", ", ".join(c.against[:AGAINST]) + (f" and {more} more" if more > 0 else "")))
-    on_map = {m.settings_id for m in c.map}
-    solvers = {links.runs[k].record.solver for k in c.settings_ids if k in links.runs}
-    section = f"Sect. {c.section}" if c.section[:1].isdigit() else c.section
-    return Shown(c, anchor, section, mark, line, tuple(settings), _elsewhere(c.settings_ids, on_map, links),
-                 tuple(sorted(solvers)), grids(c.map, links))  # fmt: skip
-
-
-def _elsewhere(keys: Sequence[str], on_map: set[str], links: Links) -> tuple[tuple[str, str], ...]:
-    """Runs that are not on the map, a few of them; those that are not in these results are counted."""
-    rest = [k for k in keys if k not in on_map]
-    here = [k for k in rest if k in links.runs]
-    out = [(links.words(k), links.page(k)) for k in here[:LISTED]]
-    for n, words in ((len(here) - LISTED, "more in these results"), (len(rest) - len(here), "not in these results")):
-        out += [(f"{n} {words}", "")] if n > 0 else []
-    return tuple(out)
+        line = number_line(first.measured, low, high, unit(first.unit), VERDICTS[c.verdict].kind, c.measured_range)
+    rest = [k for k in c.settings_ids if k not in {m.settings_id for m in c.map}]
+    found = [here[k] for k in rest if k in here]
+    counted = (len(found) - LISTED, "more in these results"), (len(rest) - len(found), "not in these results")
+    runs = [(run.record.case, page_of(run)) for run in found[:LISTED]]
+    runs += [(f"{n} {words}", "") for n, words in counted if n > 0]
+    solvers = sorted({here[k].record.solver for k in c.settings_ids if k in here})
+    return Shown(c, anchor, line, tuple(runs), tuple(solvers), grids(c.map, here))
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``claims.html``."""
-    links, found = links_of(results.runs), read_judged_or_published(results.folder, CLAIMS)
+    found = read_judged_or_published(results.folder, CLAIMS)
     published = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
-    claims = claims_of(found.found or (), links, published.found or ())
+    claims = claims_of(found.found or (), results.by_settings, published.found or ())
     if found.published:
-        claims = tuple(replace(c, published=True, grids=(), runs=()) for c in claims)
+        claims = tuple(replace(c, published=True, grids=[], runs=()) for c in claims)
     lacking = sum(c.published for c in claims)
     own = () if found.published else [c for c in found.found or () if not lacks_runs(c)]
     here = {c.id for c in own}

@@ -1,23 +1,28 @@
 """The page of cost: work against precision on every problem, the cheapest solver for an error, growth with size."""
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
 
 from ....harness.results.judgements.files import WORK
-from ....harness.results.judgements.runs import WorkProfile
+from ....harness.results.judgements.runs import WorkPoint, WorkProfile
+from ...model.accuracy import measure_for
 from ...model.frontier import Frontier, broad, engines_first, of_most_problems
-from ...model.growth import growths_of
-from ...model.results import Results, group_by
-from ...model.words import decade, plural
-from ...plots.growth import growth
-from ...plots.spec import Plot
-from ...plots.work import ERRORS, WORKS, describe_work, profile_plot, work_plots
-from ..base import Page, Site
-from ..judgement import links_of, read_judged
-from .work_points import Field, fields, profiles
+from ...model.motion import bodies_in
+from ...model.results import Results, Run, by_solver, group_by
+from ...model.words import decade, mark, plural, seconds, time
+from ...plots.spec import Axis, Plot, Trace
+from ...plots.work import ERRORS, WORKS, list_points, profile_plot, work_plots
+from ..base import Page, Site, page_of, read_judged
 
 FEW = ("index1", "evaluations", "cpu")  # works that energy and joints are drawn over
 WORKED = "CPU time of the integration alone, on one machine: read the ratios, not the times."
+SIZES = 3  # a slope from two sizes would be no evidence
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -25,20 +30,19 @@ def write(results: Results, site: Site) -> Page | None:
     work = read_judged(results.folder, WORK)
     best = profiles(work.found.profile if work.found else ())
     default = profiles(work.found.profile_default if work.found else ())
-    points = work.found.points if work.found else ()
-    found = [(f, plots_of(f)) for f in fields(results, points, links_of(results.runs))]
+    found = [(f, plots_of(f)) for f in fields(results, work.found.points if work.found else ())]
     works = list(dict.fromkeys(p.work for p in best))
     kinds = [(w, *WORKS[w]) for w in WORKS if any(key.endswith(f"-{w}") for _, own in found for key in own)]
     profile_plots = [profile_plot(best, default, w) for w in works]
     cheapest, grown = broad(results, site.frontiers), growths_of(results)
     sizes = [growth(problem, grown, site.url) for problem in dict.fromkeys(g.problem for g in grown)]
-    site.work = {f.variant: own["error-cpu"] for f, own in found if "error-cpu" in own}
+    site.work = {f["variant"]: own["error-cpu"] for f, own in found if "error-cpu" in own}
     return site.write(
         Page("Cost", "cost.html", nav=True, order=30), "cost.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values()), *sizes], why=work.why,
         errors=[(k, *e) for k, e in ERRORS.items()], works=kinds, fields=found,
         profiles={"best of all": best, "default": default}, profile_plots=profile_plots, profile_works=works,
-        named=describe_work, work_at=work_at, title=title(cheapest), worked=WORKED,
+        named=WORKS, work_at=work_at, title=title(cheapest), worked=WORKED,
         cheapest=group_by(engines_first(cheapest), lambda f: f.variant), grown=grown, sizes=sizes,
     )  # fmt: skip
 
@@ -52,17 +56,121 @@ def title(found: Sequence[Frontier]) -> str:
     best = max(sorted(set(firsts)), key=firsts.count)
     unit = own[0].unit if len({f.unit for f in own}) == 1 else "m or rad"
     error = f"{decade(own[0].target)} {unit}"
-    return f"At {error}, {best} is cheapest on {firsts.count(best)} of {plural(len(own), 'variant')}"
+    on = plural(len(own), "problem")
+    if len({f.variant.partition("[")[0] for f in own}) < len(own):
+        on += ", each set of parameters counted"
+    return f"At {error}, {best} is cheapest on {firsts.count(best)} of {on}"
 
 
-def plots_of(f: Field) -> dict[str, Plot]:
+def fields(results: Results, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
+    """The points of every variant that has one, of the judged runs alone where there are any; most solvers first.
+
+    ``absent`` are solvers without a point, with how their runs ended that no plot can show.
+    """
+    known, best = {p.settings_id for p in judged}, {p.settings_id for p in judged if p.best}
+    out = []
+    for variant in results.variants:
+        points = list_points(variant, page_of, best)
+        points = [p for p in points if p.run.record.settings_id in known] if known else points
+        drawn = {p.solver for p in points if any(p.drawable(error, work) for error in ERRORS for work in WORKS)}
+        if drawn:
+            runs = by_solver(variant.runs)
+            ends = {s: Counter(mark(c.status).word for c in runs.get(s, ())) for s in results.solvers if s not in drawn}
+            absent = [f"{s} ({', '.join(words) or 'not run'})" for s, words in ends.items()]
+            out.append({"variant": variant.title, "slug": variant.slug, "points": points, "absent": absent,
+                        "measure": measure_for(variant.runs)})  # fmt: skip
+    return sorted(out, key=lambda f: len(f["absent"]))
+
+
+def plots_of(f: dict[str, Any]) -> dict[str, Plot]:
     """By ``<error>-<work>``; energy and joints over fewer works, and of default and best settings alone."""
-    errors = work_plots(f.slug, f.points, [("error", work) for work in WORKS], folded=True, front=True)
+    slug, points, measure = f["slug"], f["points"], f["measure"]
+    errors = work_plots(slug, points, measure, [("error", work) for work in WORKS], folded=True, front=True)
     laws = [(error, work) for error in ("energy", "phi") for work in WORKS if work in FEW]
-    return errors | work_plots(f.slug, [p for p in f.points if p.default or p.best], laws, folded=True)
+    return errors | work_plots(slug, [p for p in points if p.default or p.best], measure, laws, folded=True)
+
+
+def profiles(found: Sequence[WorkProfile]) -> list[WorkProfile]:
+    """As judged, by kind of work, those that no machine changes first, and by solver."""
+    return sorted(found, key=lambda p: (list(WORKS).index(p.work), p.solver))
 
 
 def work_at(p: WorkProfile, share: float) -> float:
     """The work at which a share of all targets is reached; NaN if it never is."""
     needed = math.ceil(share * p.total)
     return p.target_work[needed - 1] if 0 < needed <= len(p.target_work) else math.nan
+
+
+@dataclass(frozen=True)
+class Growth:
+    """One solver's settings on one problem at several sizes, smallest first."""
+
+    problem: str
+    method: str
+    solver: str
+    step: str
+    t_end: float  # [s] simulated: a longer motion has other steps
+    bodies: tuple[int, ...]
+    cpu_per_step: tuple[float, ...]
+    runs: tuple[Run, ...]  # one a size
+
+    @cached_property
+    def fit(self) -> tuple[float, float]:
+        """Exponent and logarithm of the factor of the power law through all sizes, by least squares."""
+        slope, factor = np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)
+        return float(slope), float(factor)
+
+    @property
+    def words(self) -> str:
+        """Method, step and time."""
+        return f"{self.method}, {self.step}, {time(self.t_end)} s simulated"
+
+
+def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
+    """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
+    timed = [c for c in runs if c.succeeded and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
+    sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
+    found = group_by(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words, c.record.t_end_s))
+    out = []
+    for key, own in sorted(found.items()):
+        sizes = dict(sorted(group_by(own, lambda c: bodies[c.record.run_id]).items()))
+        if len(sizes) >= SIZES:
+            cost = [float(np.median([c.record.cpu_median_s / c.record.steps for c in same])) for same in sizes.values()]
+            out.append(Growth(*key, tuple(sizes), tuple(cost), tuple(same[0] for same in sizes.values())))
+    return out
+
+
+def growths_of(results: Results) -> list[Growth]:
+    """All that the results hold; empty where no problem comes in three sizes."""
+    variants = Counter(p.problem for p in results.variants)
+    bodies: dict[str, int] = {}
+    for variant in results.variants:
+        if variants[variant.problem] > 1:  # its runs have the same bodies: one series file is enough
+            some = next((s for c in variant.runs if c.succeeded and (s := results.series(c)) is not None), None)
+            bodies |= {c.record.run_id: bodies_in(some) for c in variant.runs} if some is not None else {}
+    return growths(results.runs, bodies)
+
+
+def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> Plot:
+    """All settings of one problem in one panel."""
+    seen: Counter[str] = Counter()
+    traces, own = [], [g for g in found if g.problem == problem]
+    for g in own:
+        slope, factor = g.fit
+        name = f"{g.words}: slope {slope:.2f}"
+        ends = np.array([g.bodies[0], g.bodies[-1]], dtype=float)
+        fitted = 1e3 * (np.exp(factor) * ends**slope)
+        traces.append(Trace(f"{name}, fitted", ends, fitted, solver=g.solver, dash=seen[g.solver]))
+        traces.append(Trace(
+            name, np.array(g.bodies), 1e3 * np.array(g.cpu_per_step), solver=g.solver, mode="markers",
+            urls=[url(c) for c in g.runs],
+            words=[f"{c.variant}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.runs],
+        ))  # fmt: skip
+        seen[g.solver] += 1
+    steepest, flattest = (f(own, key=lambda g: g.fit[0]) for f in (max, min))
+    title = f"{problem}: a step of {flattest.solver} grows with the number of bodies to the power {flattest.fit[0]:.2f}"
+    if steepest.solver != flattest.solver:
+        title += f", one of {steepest.solver} to {steepest.fit[0]:.2f}"
+    caption = "Lines are power laws fitted to all sizes; their exponents are in the table: 1 is linear."
+    axes = Axis("bodies", "", log=True), Axis("CPU per step", "ms", log=True)
+    return Plot(f"growth-{problem}", title, caption, *axes, traces, wide=True)

@@ -1,12 +1,101 @@
-"""The page of engines: error, energy, loop gap and cost as shipped, and at the best settings of one tuning budget."""
+"""Contestants at the settings that their users get and at the best of one tuning budget, and the page of both."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...model.results import Results
-from ...model.shipped import TARGET, Contest, contests, describe_budget
+from ...model.accuracy import Measure, measure_for
+from ...model.results import Results, Run, Variant, group_by
 from ...model.words import decade
 from ...plots.spec import Axis, Plot, Trace, end_of
 from ..base import Page, Site
+
+SHIPPED, TUNED = "as shipped", "tuned"  # labels of their runs
+TARGET = 1e-3  # in the unit of the problem's error: what tuning aims at
+SOUND = ("success", "inaccurate", "wrong")  # it reached the end
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A contestant on a problem; ``best`` is its cheapest run within the target, else its most accurate one."""
+
+    who: str
+    shipped: Run | None
+    best: Run
+    tried: int  # tuned settings
+
+
+@dataclass(frozen=True)
+class Contest:
+    """A problem's pairs, the most accurate as shipped first."""
+
+    variant: Variant
+    measure: Measure
+    pairs: tuple[Pair, ...] = ()
+
+    def error(self, run: Run | None) -> float:
+        """Its error; NaN for a run that is missing or did not reach the end."""
+        return self.measure.of(run) if run is not None and run.status in SOUND else math.nan
+
+    def rank(self, run: Run | None) -> float:
+        """The same, infinite where there is none."""
+        error = self.error(run)
+        return math.inf if math.isnan(error) else error
+
+    def reached(self, runs: Sequence[Run | None]) -> tuple[int, int]:
+        """How many are within the target, of how many that were run and not refused."""
+        made = [run for run in runs if run is not None and run.status != "refused"]
+        return sum(self.error(run) <= TARGET for run in made), len(made)
+
+    @property
+    def tally(self) -> np.ndarray:
+        """The same as shipped and tuned."""
+        return np.array([self.reached([getattr(p, which) for p in self.pairs]) for which in ("shipped", "best")])
+
+
+def contests(results: Results) -> list[Contest]:
+    """Contests on problems with runs of both labels."""
+    out = []
+    for variant in results.variants:
+        runs = [c for label in (SHIPPED, TUNED) for c in variant.labels().get(label, ())]
+        measure = measure_for(runs)
+        if measure is not None and variant.labels().get(SHIPPED):
+            contest = Contest(variant, measure)
+            pairs = [_pair(contest, who, own) for who, own in group_by(runs, contestant).items()]
+            pairs.sort(key=lambda p: (contest.rank(p.shipped), contest.rank(p.best), p.who))
+            out.append(replace(contest, pairs=tuple(pairs)))
+    return out
+
+
+def describe_budget(found: Sequence[Contest]) -> str:
+    """The budget of every contestant on every problem, read from the runs."""
+    tuned = [c.record for contest in found for c in contest.variant.labels().get(TUNED, ())]
+    if not tuned:
+        return "nothing has been tuned yet"
+    tried, limit = _span([p.tried for c in found for p in c.pairs]), _span([r.cpu_limit_s for r in tuned])
+    steps, tolerances = ([getattr(r, name) for r in tuned if getattr(r, name) > 0.0] for name in ("dt_s", "rtol"))
+    spans = [f"{what} {_span(values)}{unit}" for what, values, unit in
+             (("steps of", steps, " s"), ("tolerances of", tolerances, "")) if values]  # fmt: skip
+    return f"{tried} settings of each, {' or '.join(spans)}, {limit} s of CPU a run"
+
+
+def _span(values: Sequence[float]) -> str:
+    least, most = min(values), max(values)
+    return f"{least:g}" if least == most else f"{least:g} to {most:g}"
+
+
+def contestant(run: Run) -> str:
+    """The solver, with the one of its own that an engine has several of."""
+    return " ".join([run.record.solver, *([str(run.options["solver"])] if "solver" in run.options else [])])
+
+
+def _pair(contest: Contest, who: str, runs: Sequence[Run]) -> Pair:
+    shipped = next((c for c in runs if c.record.label == SHIPPED), None)
+    within = [c for c in runs if contest.error(c) <= TARGET]
+    best = min(within, key=lambda c: c.record.cpu_median_s, default=None) or min(runs, key=contest.rank)
+    return Pair(who, shipped, best, sum(c.record.label == TUNED for c in runs))
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -15,14 +104,12 @@ def write(results: Results, site: Site) -> Page | None:
     if not found:
         return None
     plots = [_plot(c, site) for c in found]
-    shipped, tuned = (np.sum([c.reached([getattr(p, which) for p in c.pairs]) for c in found], axis=0)
-                      for which in ("shipped", "best"))  # fmt: skip
+    shipped, tuned = np.sum([c.tally for c in found], axis=0)
     within = f"within {decade(TARGET)} m or rad"
     title = f"As shipped, {shipped[0]} of {shipped[1]} come {within}; tuned, {tuned[0]} of {tuned[1]}"
     return site.write(
         Page("Engines", "engines.html", nav=True, order=31), "engines.html", plots=plots, title=title, target=TARGET,
-        budget=describe_budget(found),
-        hidden=frozenset({"settings", "solver"}),
+        budget=describe_budget(found), hidden=frozenset({"settings", "solver"}),
         contests=list(zip(found, plots, strict=True)),
     )  # fmt: skip
 
@@ -32,20 +119,17 @@ def _plot(contest: Contest, site: Site) -> Plot:
     for pair in contest.pairs:
         runs = [c for c in dict.fromkeys((pair.shipped, pair.best)) if c is not None]
         runs = [c for c in runs if contest.error(c) >= 0.0 and c.record.cpu_median_s > 0.0]
-        if not runs:
-            continue
-        traces.append(Trace(
-            pair.who, np.array([c.record.cpu_median_s for c in runs]), np.array([contest.error(c) for c in runs]),
-            solver=runs[0].record.solver, mode="lines+markers", ends=[end_of(c.status) for c in runs],
-            urls=[site.url(c) for c in runs], words=[f"{pair.who}, {c.record.label}: {c.settings()}" for c in runs],
-        ))  # fmt: skip
-    shipped = contest.reached([p.shipped for p in contest.pairs])
-    tuned = contest.reached([p.best for p in contest.pairs])
-    within = f"within {decade(TARGET)} {measure.unit}"
+        if runs:
+            traces.append(Trace(
+                pair.who, np.array([c.record.cpu_median_s for c in runs]), np.array([contest.error(c) for c in runs]),
+                solver=runs[0].record.solver, mode="lines+markers", ends=[end_of(c.status) for c in runs],
+                urls=[site.url(c) for c in runs], words=[f"{pair.who}, {c.record.label}: {c.settings()}" for c in runs],
+            ))  # fmt: skip
+    shipped, tuned = contest.tally
+    finding = f"within {decade(TARGET)} {measure.unit} as shipped {shipped[0]} of {shipped[1]}"
     return Plot(
         f"engines-{contest.variant.slug}", f"{measure.what[0].upper()}{measure.what[1:]} as shipped and tuned",
         "Each line leads from a contestant as shipped to its best settings. Cross: wrong.",
         Axis("CPU time", "s", log=True), Axis(measure.what, measure.unit, log=True), traces,
-        finding=f"{contest.variant.title}: {within} as shipped {shipped[0]} of {shipped[1]}, "
-        f"tuned {tuned[0]} of {tuned[1]}",
+        finding=f"{contest.variant.title}: {finding}, tuned {tuned[0]} of {tuned[1]}",
     )  # fmt: skip

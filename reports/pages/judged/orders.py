@@ -1,16 +1,15 @@
-"""Order certificates as a page shows them: each fit with its points, and which of them it was made from."""
+"""Judgements of a solver beyond one run, in words, marks and plots: orders of convergence, energy drift, symmetries."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from ....harness.results.judgements.runs import Note, Order
+from ....harness.results.judgements.runs import Note, Order, Symmetry, Unjudged
 from ...model.results import group_by, natural, slug
 from ...model.words import Mark, plural
 from ...plots.spec import Axis, Plot, Trace
-from ..judgement import Links
 
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
 USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"
@@ -19,60 +18,6 @@ NOTES = {
     Note.CUT: "steps that were cut are left out",
     Note.UNRESOLVED: "errors that the reference cannot resolve are left out",
 }
-
-
-@dataclass(frozen=True)
-class Point:
-    """One run of the ladder of steps."""
-
-    dt: float
-    error: float
-    kind: str
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """The order of one quantity of one solver on one variant, as it is shown."""
-
-    of: Order
-    points: tuple[Point, ...]
-    mark: Mark
-    words: str
-    runs: tuple[tuple[str, str], ...]
-
-    @property
-    def fixed(self) -> bool:
-        """A ladder of fixed steps; else of tolerances, over the mean step."""
-        return self.of.against == "dt"
-
-    @property
-    def fit(self) -> tuple[tuple[float, float], ...]:
-        """Two points of the line through those used, in the mean of their logarithms; none if there is no order."""
-        used = [(math.log(p.dt), math.log(p.error)) for p in self.points if p.kind == USED and p.error > 0.0 < p.dt]
-        if len(used) < 2 or not math.isfinite(self.of.order):
-            return ()
-        x, y = (sum(p[k] for p in used) / len(used) for k in (0, 1))
-        ends = min(p[0] for p in used), max(p[0] for p in used)
-        return tuple((math.exp(e), math.exp(y + self.of.order * (e - x))) for e in ends)
-
-    @property
-    def order(self) -> str:
-        """``2.00``."""
-        return f"{self.of.order:.2f}" if math.isfinite(self.of.order) else "–"
-
-    @property
-    def interval(self) -> str:
-        """``1.98 to 2.03``."""
-        return f"{self.of.low:.2f} to {self.of.high:.2f}" if math.isfinite(self.of.low + self.of.high) else "none"
-
-
-def certificates(orders: Sequence[Order], links: Links) -> tuple[Certificate, ...]:
-    """By problem, solver and quantity."""
-    ordered = sorted(orders, key=lambda o: (natural(o.variant), o.solver, natural(o.case)))
-    return tuple(Certificate(o, _points(o), verdict_mark(o.verdict), words(o), links.all(o.settings_ids))
-                 for o in ordered)  # fmt: skip
-
-
 VERDICTS = {  # of certificates and of drifts
     "certified": ("✓", "good"), "exact": ("✓", "good"), "bounded": ("✓", "good"),
     "above declared": ("△", "refused"), "below declared": ("✗", "wrong"),
@@ -80,15 +25,37 @@ VERDICTS = {  # of certificates and of drifts
     "measured": ("○", "refused"), "undecided": ("○", "refused"), "floor": ("○", "refused"),
     "too short": ("–", "refused"), "refused": ("–", "refused"), "not measured": ("★", "failed"),
 }  # fmt: skip
+MARKS = {  # the worst first
+    "broken": Mark("✗", "broken", "wrong"),
+    "failed": Mark("★", "the run failed", "failed"),
+    "undecided": Mark("○", "not decided", "refused"),
+    "refused": Mark("⊘", "refused", "refused"),
+    "holds": Mark("✓", "holds", "good"),
+    "not applicable": Mark("–", "not applicable", "none"),
+}
+UNJUDGED = {
+    Unjudged.BASE: "the run as it stands ended with {status}: {message}",
+    Unjudged.PRESENTED: "{status}: {message}",
+    Unjudged.BOUND: "no bound: one of the runs that it is measured by failed or has no end",
+    Unjudged.SINGLE: "one body and one joint have no order",
+    Unjudged.WAY_BACK: "{message}",
+    Unjudged.END: "no end to compare",
+}
+MISSES = {"time reversal": "misses the start", "planar symmetry": "leaves the plane"}
+
+
+def by_case(found: Sequence[Order]) -> list[Order]:
+    """By problem, solver and quantity."""
+    return sorted(found, key=lambda o: (natural(o.variant), o.solver, natural(o.case)))
 
 
 def verdict_mark(verdict: str) -> Mark:
-    """The mark of a verdict."""
+    """The mark of a verdict on an order or a drift."""
     symbol, kind = VERDICTS[verdict]
     return Mark(symbol, verdict, kind)
 
 
-def words(o: Order) -> str:
+def describe_order(o: Order) -> str:
     """The fit in words, and what was left out of it."""
     runs = len(o.dt) + o.unfinished + o.unmeasured
     unfinished = f"{o.unfinished} of {runs} runs did not finish" if o.unfinished and o.verdict != "refused" else ""
@@ -132,43 +99,83 @@ def _fit(o: Order) -> list[str]:
     return out
 
 
-def _points(o: Order) -> tuple[Point, ...]:
+def list_points(o: Order) -> list[tuple[float, float, str]]:
+    """Step, error and use of each run: one left out of the fit is coarser than all used ones, or lies on the floor."""
     coarsest = max((dt for dt, used in zip(o.dt, o.used, strict=True) if used), default=math.inf)
-    return tuple(Point(dt, error, _kind(dt, error, used, o.floor, coarsest))
-                 for dt, error, used in zip(o.dt, o.error, o.used, strict=True))  # fmt: skip
+    out = []
+    for dt, error, used in zip(o.dt, o.error, o.used, strict=True):
+        early = dt > coarsest and not error <= FLOOR * o.floor
+        out.append((dt, error, USED if used else EARLY if early else FLOORED))
+    return out
 
 
-def _kind(dt: float, error: float, used: bool, floor: float, coarsest: float) -> str:
-    """A point left out of the fit is coarser than all used ones, or it lies on the floor."""
-    if used:
-        return USED
-    return EARLY if dt > coarsest and not error <= FLOOR * floor else FLOORED
+def fit_of(o: Order) -> tuple[np.ndarray, np.ndarray] | None:
+    """Ends of the line through the points used, in the mean of their logarithms; None if there is no order."""
+    used = [(dt, error) for dt, error, kind in list_points(o) if kind == USED and error > 0.0 < dt]
+    if len(used) < 2 or not math.isfinite(o.order):
+        return None
+    x, y = np.log(used).T
+    ends = np.array([x.min(), x.max()])
+    return np.exp(ends), np.exp(y.mean() + o.order * (ends - x.mean()))
 
 
-def ladders(found: Sequence[Certificate]) -> tuple[Plot, ...]:
+def ladders(orders: Sequence[Order]) -> list[Plot]:
     """Error against step, a plot for each quantity of each problem, a fit and its points for each method."""
-    groups = group_by((c for c in found if c.points), lambda c: (c.of.variant, c.of.quantity))
+    groups = group_by((o for o in orders if o.dt), lambda o: (o.variant, o.quantity))
     taken: set[str] = set()
     plots = []
     for (variant, quantity), own in groups.items():
         step = Axis("step, or mean step under error control", "s", log=True)
-        error = Axis(f"error of {quantity}", own[0].of.unit, log=True)
+        error = Axis(f"error of {quantity}", own[0].unit, log=True)
         name = slug(f"order-{variant}-{quantity}", taken)
-        fitted = [c for c in own if c.fit]
-        title = f"{variant}: {quantity} converges with order {fitted[0].order}" if fitted else f"{variant}: {quantity}"
-        plots.append(Plot(name, title, "", step, error, tuple(t for c in own for t in _traces(c))))
-    return tuple(plots)
+        fitted = [o for o in own if fit_of(o)]
+        title = (
+            f"{variant}: {quantity} converges with order {fitted[0].order:.2f}" if fitted else f"{variant}: {quantity}"
+        )
+        plots.append(Plot(name, title, "", step, error, tuple(t for o in own for t in _traces(o))))
+    return plots
 
 
-def _traces(c: Certificate) -> list[Trace]:
-    out, case = [], c.of.case
-    if c.fit:
-        x, y = (np.array(v) for v in zip(*c.fit, strict=True))
-        out.append(Trace(f"{case}: order {c.order}, {c.interval}", x, y, solver=c.of.solver))
-    for kind in dict.fromkeys(p.kind for p in c.points):
-        own = [p for p in c.points if p.kind == kind]
-        words = [case if kind == USED else f"{case}: {kind}, left out of the fit"] * len(own)
-        name = case if kind == USED else f"{case}, {kind}"
-        out.append(Trace(name, np.array([p.dt for p in own]), np.array([p.error for p in own]), solver=c.of.solver,
-                         mode="markers", words=words, hollow=kind != USED))  # fmt: skip
+def _traces(o: Order) -> list[Trace]:
+    out = []
+    if fit := fit_of(o):
+        interval = f"{o.low:.2f} to {o.high:.2f}" if math.isfinite(o.low + o.high) else "none"
+        out.append(Trace(f"{o.case}: order {o.order:.2f}, {interval}", *fit, solver=o.solver))
+    for kind, own in group_by(list_points(o), lambda p: p[2]).items():
+        words = o.case if kind == USED else f"{o.case}: {kind}, left out of the fit"
+        name = o.case if kind == USED else f"{o.case}, {kind}"
+        out.append(Trace(name, np.array([p[0] for p in own]), np.array([p[1] for p in own]), solver=o.solver,
+                         mode="markers", words=[words] * len(own), hollow=kind != USED))  # fmt: skip
     return out
+
+
+def tally(found: Sequence[Symmetry]) -> tuple[Mark, str]:
+    """The mark of the worst outcome of a check, and how many hold."""
+    count = Counter(s.verdict for s in found)
+    worst = next(mark for verdict, mark in MARKS.items() if count[verdict])  # type: ignore[index]
+    tried = len(found) - count["not applicable"]
+    return worst, f"{count['holds']} of {tried}" if tried else ""
+
+
+def describe_symmetry(s: Symmetry) -> str:
+    """How far apart two runs end, and how far they may, with what the bound is made of."""
+    if s.unjudged is not None:
+        return UNJUDGED[s.unjudged].format(status=s.status, message=s.message or "no message")
+    parts = [f"a tenth of the tolerance moves the end by {s.level:.1e} m"]
+    if s.halved > 0.0:
+        parts.append(f"half the step by {s.halved:.1e} m")
+    parts += [f"rounding by {s.rounding:.1e} m at most", f"a change of the start grows {s.growth:.2g}-fold"]
+    missed = f"{MISSES.get(s.check, 'ends elsewhere')} by {s.deviation:.1e} m"
+    allowed = f"{missed} of {s.bound:.1e} m allowed"
+    if s.verdict == "broken":
+        times = f"{s.deviation / s.bound:.3g} times the {s.bound:.1e} m allowed" if s.bound > 0.0 else "nothing allowed"
+        said = f"{missed}, {times}"
+    elif s.verdict == "undecided":
+        said = f"{missed}, but {s.bound:.1e} m allowed is more than the mechanism's size"
+    elif s.exact is None:
+        said = allowed
+    elif s.exact:
+        said = f"exactly: {missed}, as far as the steps are solved, {s.exact_bound:.1e} m"
+    else:
+        said = f"not exactly, within its error: {allowed}"
+    return f"{said} ({', '.join(parts)})"

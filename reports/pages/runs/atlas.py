@@ -1,25 +1,35 @@
 """The failure atlas: how far each solver's runs get, and for every stop its last steps and its cause."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+from jaxtyping import Float
 from markupsafe import Markup
 
 from ....harness.results.records import reasons_of
 from ....harness.results.series import Series
 from ....harness.results.words import law_of
+from ....harness.types import Status
 from ...model.results import Results, Run, by_solver, group_by
 from ...model.scores import Score, score
-from ...model.words import plural
-from ...plots.palette import Look
+from ...model.words import claim_success, number, plural
+from ...plots.spec import Look
 from ..base import Page, Site
 from ..svg import panel
-from .causes import CAUSES, Autopsy, Cause, autopsy
 
 DRAWN = 80  # of the last rows
 LISTED = 40  # runs named beside the one that is worked out; the pages of solvers and problems have all
 SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("phi_norm", "|φ|", "m"))
+LAST = 120  # rows at the end that are looked at
+COLLAPSE = 1e-3  # of the usual step: a step this small is no longer a choice of accuracy
+NEAR_CHART = 0.05  # of |sin theta|: the angles' rates are 20 times the body's there
+ENERGY = 0.1  # of the energy there is to exchange: what a claimed success is called wrong at
+APART = 0.01  # of the mechanism's size, the same for joints
+GROWTH = 100.0  # within the last rows: more than a swing
+CAUSES = ("killed", "unmoved", "chart", "dependent", "energy", "apart", "collapse", "corrector", "limit")
 
 
 def survival(runs: Sequence[Run]) -> dict[str, tuple[Score, float]]:
@@ -37,46 +47,24 @@ def part_reached(run: Run) -> float:
     return min(max(r.t_reached_s / r.t_end_s, 0.0), 1.0)
 
 
-@dataclass(frozen=True)
-class Family:
-    """Stops of one solver on one problem, for one cause; the plainest variant and settings stand for all."""
+def groups(results: Results, looks: Mapping[str, Look]) -> dict[str, dict[str, Any]]:
+    """Every run that stopped, by cause in the order of ``CAUSES``, in families of one solver on one problem.
 
-    stops: tuple[Autopsy, ...]
-    panels: tuple[Markup, ...] = ()  # of the head: the last steps drawn
-
-    @property
-    def head(self) -> Autopsy:
-        return self.stops[0]
-
-
-@dataclass(frozen=True)
-class Group:
-    """The stops of one cause."""
-
-    cause: Cause
-    families: tuple[Family, ...]
-
-    @property
-    def count(self) -> int:
-        return sum(len(f.stops) for f in self.families)
-
-    def of(self, solver: str) -> int:
-        """How many are a solver's."""
-        return sum(len(f.stops) for f in self.families if f.head.run.record.solver == solver)
-
-
-def groups(results: Results, looks: Mapping[str, Look]) -> tuple[Group, ...]:
-    """Every run that stopped, by cause in the order of ``CAUSES``."""
-    stops = [autopsy(c, results.series(c, poses=False)) for c in results.runs if c.stopped and not c.unfinished]
-    found = []
+    The first of a family, with the plainest settings, stands for it: with what its series shows and its last steps.
+    """
+    stopped = [c for c in results.runs if c.stopped and not c.unfinished]
+    found = {c.record.run_id: autopsy(c, results.series(c, poses=False)) for c in stopped}
+    out = {}
     for cause in CAUSES:
-        own = {s.run.record.run_id: s for s in stops if s.cause is cause}
-        families = [Family(tuple(own[c.record.run_id] for c in f),
-                           zoom(f[0], results.series(f[0], poses=False), looks[f[0].record.solver].colour))
-                    for f in families_of([s.run for s in own.values()])]  # fmt: skip
+        families: list[dict[str, Any]] = [
+            {"runs": own, "evidence": found[own[0].record.run_id][1],
+             "panels": zoom(own[0], results.series(own[0], poses=False), looks[own[0].record.solver].colour)}
+            for own in families_of([c for c in stopped if found[c.record.run_id][0] == cause])
+        ]  # fmt: skip
         if families:
-            found.append(Group(cause, tuple(families)))
-    return tuple(found)
+            counts = Counter(c.record.solver for f in families for c in f["runs"])
+            out[cause] = {"families": families, "counts": counts, "total": counts.total()}
+    return out
 
 
 def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
@@ -92,14 +80,13 @@ def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
 
 def group_broken(runs: Sequence[Run]) -> dict[str, tuple[tuple[Run, ...], ...]]:
     """The wrong ones by the first law they break, the most frequent first, and by solver and problem."""
-    found = group_by((c for c in runs if c.status == "wrong"), _first_law)
+
+    def first_law(run: Run) -> str:
+        return next(map(law_of, reasons_of(run.record.wrong_because)), "unknown")
+
+    found = group_by((c for c in runs if c.status == "wrong"), first_law)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
     return {law: families_of(own) for law, own in ordered}
-
-
-def _first_law(run: Run) -> str:
-    reasons = reasons_of(run.record.wrong_because)
-    return law_of(reasons[0]) if reasons else "unknown"
 
 
 def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
@@ -112,17 +99,84 @@ def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
 def title(all_of: Score) -> str:
     """How many stopped, and how many claim success without reason."""
     wrong = all_of.wrong
-    say = "reports success and is" if wrong == 1 else "report success and are"
-    return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {say} wrong"
+    return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {claim_success(wrong)}"
+
+
+def autopsy(run: Run, series: Series | None) -> tuple[str, list[str]]:
+    """Why a run stopped: the first cause that applies, in the order of ``CAUSES``, and what each series shows."""
+    r, died = run.record, run.status in (Status.CRASHED, Status.MEMORY)
+    if series is None or "t" not in series or len(series["t"]) < 2:
+        return "killed" if died else "unmoved", []
+    signs = [s for s in (
+        _chart(series),
+        _size(series, "energy", "energy_error", "J", r.energy_scale_J, ENERGY, "energy error {} the energy exchanged"),
+        _size(series, "apart", "phi_norm", "m", r.length_scale_m, APART, "|φ| {} the mechanism's size"),
+        _step(series),
+    ) if s is not None]  # fmt: skip
+    ended = {
+        "killed": died, "dependent": run.status == Status.SINGULAR,
+        "corrector": run.status in (Status.DIVERGED, Status.STEP_UNDERFLOW), "limit": True,
+    }  # fmt: skip
+    applies = {key for key, found, _ in signs if found} | {key for key, found in ended.items() if found}
+    evidence = [words for _, _, words in signs]
+    if r.steps and r.series_rows and r.series_rows < r.steps + 1:
+        rows = f"{r.series_rows} of {r.steps + 1} rows"
+        evidence.append(f"the series is thinned to {rows}: its last rows span more steps")
+    return next(c for c in CAUSES if c in applies), evidence
+
+
+def _step(series: Series) -> tuple[str, bool, str] | None:
+    dt = series["dt"][1:] if "dt" in series else np.empty(0)
+    dt = dt[np.isfinite(dt)]
+    if len(dt) < 2:
+        return None
+    usual, last = usual_step(dt), float(np.min(dt[-3:]))
+    if last < COLLAPSE * usual:
+        return "collapse", True, f"the step fell from its usual {number(usual)} s to {number(last)} s"
+    return "collapse", False, f"the step did not collapse: {number(last)} s at the end, usually {number(usual)} s"
+
+
+def usual_step(dt: Float[np.ndarray, " n"]) -> float:
+    """[s] half of the time was covered by steps at least as long: the many small ones before a stop do not count."""
+    ordered = np.sort(dt)
+    return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))])
+
+
+def _size(
+    series: Series, cause: str, name: str, unit: str, scale: float, limit: float, words: str
+) -> tuple[str, bool, str] | None:
+    """The size of an error at the end, as a part of its scale; how much the last rows grew, if more than a swing."""
+    if name not in series or not len(series[name]) or not scale > 0.0:
+        return None
+    size = np.abs(series[name])
+    last, tail = float(size[-1]), size[-LAST:]
+    share = f"{number(100.0 * last / scale)} %" if not last / scale < 1e-5 else "less than 0.001 %"
+    said = words.format(f"{number(last)} {unit} at the end, {share} of")
+    before = tail[: len(tail) // 2]
+    before = before[np.isfinite(before) & (before > 0.0)]
+    factor = last / float(np.median(before)) if len(before) and math.isfinite(last) else 0.0
+    if factor > GROWTH:
+        said += f", {number(factor)} times its median {len(tail) // 2} to {len(tail)} steps before"
+    return cause, not last <= limit * scale, said
+
+
+def _chart(series: Series) -> tuple[str, bool, str] | None:
+    """Solvers in angles record how far they are from their chart's singularity."""
+    if "diag_chart_margin" not in series:
+        return None
+    margin = np.abs(series["diag_chart_margin"][-LAST:])
+    least = float(np.fmin.reduce(margin, initial=np.inf))  # NaN is left out
+    if least >= NEAR_CHART:
+        return None
+    return "chart", True, f"|sin θ| came down to {number(least)} within the last {len(margin)} steps"
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``atlas.html``."""
-    found = groups(results, site.looks)
     stopped = [c for c in results.runs if c.stopped and not c.unfinished]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
-        groups=found, title=title(score(results.runs)), survival=survival(results.runs),
+        groups=groups(results, site.looks), title=title(score(results.runs)), survival=survival(results.runs),
         broken=group_broken(results.runs),
         refused=families_of([c for c in results.runs if c.status == "refused"]),
         part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),

@@ -1,29 +1,37 @@
 """The first page in six bands: the race over the moving mechanism, cost, heat map, false successes, claims, doors."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ....harness.results.judgements.files import CLAIMS, PUBLISHED
+from ....harness.results.records import reasons_of
 from ....harness.results.reproduce import write_command
-from ...model.accuracy import Measure, measure_for
-from ...model.costs import costs, default_target
-from ...model.curves import upper
-from ...model.frontier import Frontier, broad, of_most_problems
+from ....harness.results.words import law_of
+from ...mechanism.stage import moment
+from ...model.accuracy import LEVELS, Measure, list_followed, margin, measure_for
+from ...model.catalogue import code_of_others, is_engine
+from ...model.frontier import Frontier, broad, costs, default_target, of_most_problems
 from ...model.heat import Box, Heat, heat
-from ...model.margin import LEVELS
-from ...model.results import Results
-from ...model.scores import unpredictable
-from ...model.variants import broadest, mechanisms
-from ...model.words import number, plural, seconds
+from ...model.motion import upper
+from ...model.results import Results, Run, group_by, read_results
+from ...model.scores import broadest, mechanisms, unpredictable
+from ...model.words import number, seconds, time
 from ...plots.browser import Steps
-from ...plots.spec import Plot
-from ..base import Page, Site
+from ...plots.spec import Look, Plot
+from ..base import JUDGE, Page, Site, read_judged_or_published, read_or_why
 from ..judged import cost
-from .bands import false_successes, strips, strips_title, verdicts, wrong_title
-from .scenes import one_a_problem
+from ..judged.claims import Shown, claims_of, counts
+from ..svg import snapshot, ticks_on
+from .problems import one_a_problem
 
 PANELS = 6
 STRIP = 60  # spans of time in the energy strip of a cell
 RANK = 5  # after the pages of cost, problems and solvers, whose plots, scenes and cards it shows
+CARDS = 6
+ENGINES = PUBLISHED.path / "engines"  # a false success of each, for results without engines
+SENTENCES = 10
+DEPENDS = ("conditional", "mixed")
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -36,29 +44,21 @@ def write(results: Results, site: Site) -> Page | None:
     near = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]  # of them the one with most points
     first = max(near, key=lambda k: sum(len(s["points"]) for s in races[k]["solvers"].values()), default=0)
     target = default_target(races[first]) if races else 0
-    data = {"costs": races, "stages": stages, "cells": _cells(results, site, picture), "first": first, "target": target,
+    problems, rows = (picture.problems, picture.rows) if picture else ((), ())
+    boxes = [(row.solver, p, b) for row in rows for p, b in zip(problems, row.boxes, strict=True) if b]
+    cells = {f"{solver} {p.slug}": _cell(results, site, b, measure_for(p.runs)) for solver, p, b in boxes}
+    data = {"costs": races, "stages": stages, "cells": cells, "first": first, "target": target,
             "colours": {s: k.colour for s, k in site.looks.items()}}  # fmt: skip
     scripts = [site.bundle("overview", data), *(f"data/{s['file']}.js" for s in stages[:1]),
                "assets/stage.js", "assets/overview.js"]  # fmt: skip
     cards, wrong = false_successes(results, label)
-    follow = strips(picture, site.looks)
     return site.write(
         Page("Overview", "index.html", nav=True, order=0), "overview.html", plots=_panels(site), scripts=scripts,
         heat=picture, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races, first=first,
         target=target, stages=stages, panels_title=panels_title(of_most_problems(found)), cards=cards,
-        wrong_title=wrong_title(cards, wrong),
-        strips=follow, strips_title=strips_title(follow), verdicts=verdicts(results), lead=lead(results),
-        door=max(site.cards.values(), key=lambda c: (len(c.facts), c.solver), default=None),
+        wrong=wrong, strips=strips(picture, site.looks), verdicts=verdicts(results), mechanisms=mechanisms(results),
+        door=max(site.cards.values(), key=lambda c: (len(c["facts"]), c["solver"]), default=None),
     )  # fmt: skip
-
-
-def lead(results: Results) -> str:
-    """Counts of runs, and how many claim success without reason."""
-    ran = [c for c in results.runs if not c.unfinished and c.status != "refused"]
-    wrong = sum(c.status == "wrong" for c in ran)
-    said = f"{plural(len(results.solvers), 'solver')} on {mechanisms(results)}: "
-    one = "reports success and is" if wrong == 1 else "report success and are"
-    return f"{said}{wrong} of {plural(len(ran), 'run')} {one} wrong."
 
 
 def panels_title(found: Sequence[Frontier]) -> str:
@@ -69,20 +69,8 @@ def panels_title(found: Sequence[Frontier]) -> str:
     return f"{cost.title(found)}; the median solver costs {number(factors[len(factors) // 2], 2)} times as much"
 
 
-def _cells(results: Results, site: Site, picture: Heat | None) -> dict[str, Any]:
-    """Texts of the heat map's drawer for each box, by solver and problem."""
-    out = {}
-    for k, variant in enumerate(picture.problems if picture else ()):
-        measure = measure_for(variant.runs)
-        for row in picture.rows if picture else ():
-            if (b := row.boxes[k]) is not None:
-                out[f"{row.solver} {variant.slug}"] = _cell(results, site, b, measure)
-    return out
-
-
 def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict[str, Any]:
     r = b.run.record
-    plugins = [str(p) for p in results.environment.get("plugins") or []]
     series = results.series(b.run, poses=False) if r.series else None
     strip = None
     if series is not None and "energy_error" in series and len(series["t"]):
@@ -91,19 +79,81 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
     error = f"{number(measure.of(b.run))} {measure.unit}" if measure else "no reference"
     facts = (("CPU", seconds(r.cpu_median_s)), (measure.what if measure else "error", error),
              ("energy error", f"{number(r.energy_drift_max_J)} J"), ("steps", str(r.steps)))  # fmt: skip
-    return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": write_command(r, plugins),
+    return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": write_command(r, results.plugins),
             "strip": strip, "facts": facts}  # fmt: skip
 
 
 def _panels(site: Site) -> list[Plot]:
     """Error over CPU time: of each problem the variant with most points, then other variants."""
     problems = {p.title: p.problem for p in site.results.variants}
-    ordered = sorted(site.work.items(), key=lambda kv: -_points(kv[1]))
+    ordered = sorted(site.work.items(), key=lambda kv: -sum(len(t.x) for t in kv[1].traces))
     seen: dict[str, str] = {}
     for title, _ in ordered:
         seen.setdefault(problems.get(title, title), title)
     return [plot for _, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
 
 
-def _points(plot: Plot) -> int:
-    return sum(len(t.x) for t in plot.traces)
+def false_successes(results: Results, label: str) -> tuple[list[dict[str, Any]], int]:
+    """The farthest over its limit of each solver, code of others and plain settings first; how many are wrong here."""
+    wrong = [c for c in results.runs if c.status == "wrong"]
+    engines = any(is_engine(s) for s in results.solvers)
+    published = () if engines else read_results(ENGINES).runs  # made elsewhere, with engines that these results lack
+
+    def key(c: Run) -> tuple[bool, bool, bool, float, str]:
+        m = margin(c)
+        size = m.part if m and math.isfinite(m.part) else 0.0
+        return not code_of_others(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
+
+    worst = [min(own, key=key) for own in group_by([*wrong, *published], lambda c: c.record.solver).values()]
+    return [_card(results, c, c in published) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
+
+
+def _card(results: Results, run: Run, published: bool) -> dict[str, Any]:
+    """A run that claims success and is wrong, when it breaks its law, drawn as late as errors are judged."""
+    m, r = margin(run), run.record
+    reason = m.error if m else reasons_of(r.wrong_because)[0]
+    drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
+    seen = moment(results, run, drawn) if r.series and not published else None
+    words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
+    return {
+        "run": run, "code": code_of_others(r.solver).partition(" on ")[0], "published": published,
+        "picture": snapshot(*seen, words) if seen else None, "law": law_of(reason).removeprefix("the "),
+        "size": f"{number(reason.value)} of {' '.join(filter(None, (number(reason.limit), reason.unit)))} allowed",
+        "times": reason.value / reason.limit if reason.limit > 0.0 else math.inf,
+        "at": reason.time_s if reason.time_s == reason.time_s else r.t_reached_s, "drawn": drawn,
+        "command": write_command(r, results.plugins),
+    }  # fmt: skip
+
+
+def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[dict[str, Any]]:
+    """How long each solver follows the exact motion, one a problem of the heat map that has a reference."""
+    out = []
+    for variant in picture.problems if picture else ():
+        own = list_followed(variant)
+        known = max((f.known for f in own), default=0.0)
+        if known > 0.0:
+            whole = sum(f.whole for f in own)
+            dots = [(f.until / known, looks[f.run.record.solver].colour, f"{f.run.record.solver}: {f.words}",
+                     f.run.record.solver) for f in own if not f.whole]  # fmt: skip
+            words = f"{variant.title}: {whole} of {len(own)} to {time(float(f'{known:.3g}'))} s"
+            out.append({"variant": variant, "whole": whole, "count": len(own), "known": known,
+                        "picture": ticks_on(dots, whole, words)})  # fmt: skip
+    return out
+
+
+def verdicts(results: Results) -> dict[str, Any] | None:
+    """The paper's claims as judged by these results, else as published; None where there is neither."""
+    found = read_judged_or_published(results.folder, CLAIMS)
+    kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims that lack runs here
+    shown = [c for c in claims_of(found.found or (), results.by_settings, kept) if not c.presentation]
+    if not shown:
+        return None
+    return {"counts": {m.word: k for m, k in counts(shown)}, "columns": group_by(shown, lambda c: c.section),
+            "sentences": told(shown), "published": found.published or any(c.published for c in shown)}  # fmt: skip
+
+
+def told(shown: Sequence[Shown]) -> list[Shown]:
+    """Ten: verdicts in turns, so that each kind is heard, in the order of the paper."""
+    kinds = {w: [c for c in shown if c.mark.word == w] for w in ("refuted", "supported", *DEPENDS)}
+    turns = [c for k in range(SENTENCES) for own in kinds.values() for c in own[k : k + 1]][:SENTENCES]
+    return [c for c in shown if c in turns]

@@ -29,6 +29,6 @@ def _files(results: Results, site: Site, figure: str) -> dict[str, str]:
     for suffix in SUFFIXES:
         source = Place(results.folder) / captions.FOLDER / f"{name}{suffix}"
         if source.is_own_file():
-            (site.figures / f"paper-{name}{suffix}").write(source.read(LARGEST), durable=False)
+            (site.folder / "figures" / f"paper-{name}{suffix}").write(source.read(LARGEST), durable=False)
             out[suffix] = f"figures/paper-{name}{suffix}"
     return out

@@ -1,117 +1,70 @@
 """The list of mechanisms, and a page for each variant: its motion, why it is hard, who follows it, at what cost."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from ....harness.results.judgements.files import DRIFTS
-from ....harness.results.records import judged_own
-from ....harness.results.series import Series
-from ...mechanism.segments import mechanism_of
-from ...mechanism.view import flat, view_of
-from ...model.accuracy import judged_until, measure_for
-from ...model.catalogue import about_problem, why_hard
-from ...model.curves import SPANS_UPPER
-from ...model.focus import choose_focus
-from ...model.followed import Followed, list_followed
-from ...model.heat import best_and_worst, boxes_of
-from ...model.motion import Motion, motion_of
-from ...model.results import Results, Run, Variant
-from ...model.scores import Score, score, unpredictable
-from ...model.variants import broadest, groups_of, mechanisms, themselves, variant_groups
-from ...model.words import NONE, number, plural, time, unit
+from ....harness.results.records import judged_own, reasons_of
+from ....harness.results.words import law_of
+from ...mechanism.segments import flat, mechanism_of, view_of
+from ...mechanism.stage import stage
+from ...model.accuracy import judged_until, list_followed, margin, measure_for
+from ...model.catalogue import about_problem, code_of_others, why_hard
+from ...model.frontier import of_most_problems
+from ...model.heat import Heat, best_and_worst, boxes_of, rank
+from ...model.motion import SPANS_UPPER, Motion, motion_of
+from ...model.results import Results, Run, Variant, group_by
+from ...model.scores import broadest, groups_of, mechanisms, themselves, unpredictable, variant_groups
+from ...model.words import mark, number, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of
-from ...plots.spec import Chapter
+from ...plots.spec import choose_focus
 from ...plots.work import work_chapter
-from ..base import Page, Site
-from ..judged.drifts import words
-from ..judgement import read_judged
+from ..base import Page, Site, read_judged
 from ..svg import sketch
-from .scenes import scene_of
 
 MOST_EVENTS = 20  # of one run in the table
 ROWS = 100  # of a folded table: the first page's table and the CSV have all
 SEEN = 0.2  # an axis that is shorter than this part of itself points at the reader
 EVER_VARIANT = 12  # runs drawn of a variant: a report has a hundred of them, and each run is a file to read
 SPANS_VARIANT = 80  # of time in the curves of a variant: a run has a hundred of them
-Table = tuple[tuple[str, ...], tuple[tuple[Run, tuple[tuple[float, str], ...]], ...]]  # heads, and a row for each run
+MINIATURES = 6
+PAPER = "ODE-GC"  # the paper's method; what is added to it has a longer label
+SMALL = 60  # pictures of a miniature
 
 
-@dataclass(frozen=True)
-class Events:
-    """Events reported during a run, e.g. singular passages: a row each, columns as the solvers named them."""
-
-    heads: tuple[str, ...]
-    rows: tuple[tuple[Run, tuple[str, ...]], ...]
-    left_out: int
-
-
-def extras(runs: Sequence[Run]) -> dict[str, Table]:
-    """Observables against the reference, invariants against their start, by title; only tables that have a column."""
-    tables = {"Largest distance of observables from the reference": [c.observable_errors for c in runs],
-              "Largest departure of invariants from their start": [c.invariant_drifts for c in runs]}  # fmt: skip
-    return {title: _extra(runs, found) for title, found in tables.items() if any(found)}
+def extras(runs: Sequence[Run]) -> Iterator[tuple[str, dict[str, str], list[tuple[Run, list[float]]]]]:
+    """Observables against the reference, invariants against their start: title, units by name, a row for each run."""
+    for title, found in (
+        ("Largest distance of observables from the reference", [c.observable_errors for c in runs]),
+        ("Largest departure of invariants from their start", [c.invariant_drifts for c in runs]),
+    ):
+        if any(found):
+            units = {n: unit(str(e.get("unit", ""))) for of in found for n, e in of.items()}
+            yield title, units, [(c, [_largest(of.get(n)) for n in units]) for c, of in zip(runs, found, strict=True)]
 
 
-def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
-    """The facts about the problem at the head of its page."""
-    records = [c.record for c in variant.runs]
-    out = [variant.section] if variant.section else []
-    times = sorted({r.t_end_s for r in records if not math.isnan(r.t_end_s)})
-    if times:
-        out.append(f"{', '.join(time(t) for t in times)} s simulated")
-    if bodies:
-        out.append(plural(bodies, "body", "bodies"))
-    scale = next((r for r in records if r.energy_scale_J > 0.0), None)
-    if scale:
-        out.append(f"energy scale {number(scale.energy_scale_J)} J, size {number(scale.length_scale_m)} m")
-    own = [r for r in records if r.reference]
-    known = max(own, key=lambda r: (r.reference_own_error_m >= 0.0, r.reference_own_error_m), default=None)
-    if known is None:
-        return (*out, "no exact solution: only energy and constraints are checked")
-    until = f" up to {time(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else ""
-    judged = judged_until(variant.runs)
-    there = "" if judged is None else f", {number(judged_own(known))} m up to {time(judged)} s, where errors are judged"
-    return (*out, f"reference: {known.reference}, stated error {number(known.reference_own_error_m)} m{until}{there}")
-
-
-def _extra(runs: Sequence[Run], found: Sequence[Mapping[str, Mapping[str, Any]]]) -> Table:
-    units = {n: str(e.get("unit", "")) for of in found for n, e in of.items()}
-    rows = tuple((c, tuple(_value(of.get(n)) for n in units)) for c, of in zip(runs, found, strict=True))
-    return tuple(f"{n} [{unit(u)}]" if u else n for n, u in units.items()), rows
-
-
-def _value(found: Mapping[str, Any] | None) -> tuple[float, str]:
+def _largest(found: Any) -> float:
     try:
-        value = float(found["max"]) if found else math.nan
+        return float(found["max"])
     except (KeyError, TypeError, ValueError):
-        value = math.nan
-    return value, number(value) if found else NONE
+        return math.nan
 
 
-def events(motions: Sequence[Motion]) -> Events | None:
-    """One table of all events of these motions; None when there is none."""
+def events(motions: Iterable[Motion]) -> dict[str, Any]:
+    """Events reported during runs, e.g. singular passages: a row each, columns as the solvers named them."""
     heads = list(dict.fromkeys(k for m in motions for e in m.events for k in e))
-    if not heads:
-        return None
-    rows = [(m.run, tuple(_print_value(e.get(k)) for k in heads)) for m in motions for e in m.events[:MOST_EVENTS]]
-    left_out = sum(max(len(m.events) - MOST_EVENTS, 0) for m in motions)
-    return Events(tuple(h.replace("_", " ") for h in heads), tuple(rows), left_out)
+    rows = [(m.run, [e.get(k) for k in heads]) for m in motions for e in m.events[:MOST_EVENTS]]
+    return {"heads": heads, "rows": rows, "left_out": sum(max(len(m.events) - MOST_EVENTS, 0) for m in motions)}
 
 
-def _print_value(value: Any) -> str:
-    if isinstance(value, float):
-        return number(value)
-    return NONE if value is None else str(value)
-
-
-def sketch_of(title: str, series: Series | None) -> Markup | None:
+def sketch_of(results: Results, variant: Variant) -> Markup | None:
     """The mechanism at its start with its supports, gravity, axes, and the names of its first and last body."""
+    series = next((s for c in variant.runs if c.record.series and (s := results.readable_series(c))), None)
     mechanism = mechanism_of(series)
     if mechanism is None or series is None:
         return None
@@ -123,20 +76,8 @@ def sketch_of(title: str, series: Series | None) -> Markup | None:
     ends = sorted({0, len(series.body_names) - 1} & set(range(len(series.body_names))))
     names = [(series.body_names[k], view @ mechanism.r[0, k]) for k in ends]
     lines, joints, ground = (flat(p, view) for p in (mechanism.segments(0), mechanism.joints(0), mechanism.ground))
-    return sketch(
-        lines, joints, ground, arrows, names, f"{title} at its start, with its supports, the axes and gravity"
-    )
-
-
-@dataclass(frozen=True)
-class MechanismCard:
-    """A problem in the list."""
-
-    variant: Variant
-    sketch: Markup | None
-    about: str
-    sentence: str
-    score: Score
+    words = f"{variant.title} at its start, with its supports, the axes and gravity"
+    return sketch(lines, joints, ground, arrows, names, words)
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -145,62 +86,111 @@ def write(results: Results, site: Site) -> Page | None:
     plain = {p.title for p in themselves(results, label)}
     for variant in results.variants:  # one problem at a time: its series are large
         _write(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
-    cards = [MechanismCard(p, _draw_mechanism(results, p), about_problem(p.problem), best_and_worst(boxes_of(p, label)),
-                           score(p.runs)) for p in results.variants if p.title in plain]  # fmt: skip
-    title = mechanisms(results)
+    cards = [(p, sketch_of(results, p), best_and_worst(boxes_of(p, label)))
+             for p in results.variants if p.title in plain]  # fmt: skip
     return site.write(Page("Mechanisms", "mechanisms.html", nav=True, order=10), "mechanisms.html", cards=cards,
-                      title=title, unpredictable=unpredictable(results),
-                      apart=[(v, score(v.runs)) for v in variant_groups(results, label)])  # fmt: skip
-
-
-def follow_title(variant: Variant, found: Sequence[Followed]) -> str:
-    """How many follow the motion to its end, and who leaves it first."""
-    if not found:
-        return ""
-    whole, last = [f for f in found if f.whole], found[-1]
-    follow = "follows" if len(whole) == 1 else "follow"
-    out = f"{len(whole)} of {plural(len(found), 'solver')} {follow} the motion to {time(float(f'{last.known:.3g}'))} s"
-    return out if last.whole else f"{out}; {last.run.record.solver} leaves it at {number(last.until)} s"
-
-
-def _draw_mechanism(results: Results, variant: Variant) -> Markup | None:
-    poses = next((s for c in variant.runs if c.record.series and (s := results.readable_series(c))), None)
-    return sketch_of(variant.title, poses)
+                      about=about_problem, title=mechanisms(results), unpredictable=unpredictable(results),
+                      apart=variant_groups(results, label))  # fmt: skip
 
 
 def _write(results: Results, site: Site, variant: Variant, label: str, spans: int) -> None:
-    lines = lines_of(variant, site.url, EVER if spans == SPANS_UPPER else EVER_VARIANT)
-    motions = {
-        line.run.record.run_id: motion_of(line.run, results.series(line.run, poses=False), spans) for line in lines
-    }
+    plain = spans == SPANS_UPPER  # one of the problems themselves
+    lines = lines_of(variant, site.url, EVER if plain else EVER_VARIANT)
+    read = ((k.run, results.series(k.run, poses=False)) for k in lines)
+    motions = {run.record.run_id: motion_of(run, series, spans) for run, series in read}
     boxes = sorted(boxes_of(variant, label), key=lambda b: b.order)
-    colours = choose_focus([b.run.record.solver for b in boxes], lambda s: site.looks[s].family)
-    drawing = Drawing(variant.runs, lines, motions, spans, colours, label)
+    drawing = Drawing(variant.runs, lines, motions, spans, choose_focus(b.run.record.solver for b in boxes), label)
+    made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
+    chapters = [c for c in made if c is not None]
     groups = groups_of(variant, label)
-    plain = spans == SPANS_UPPER  # the scene is of the problems themselves
     scene = scene_of(results, site, variant, label) if plain else None
     if scene is not None:
         site.scenes[variant.title] = scene
-    made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
-    chapters: list[Chapter] = [c for c in made if c is not None]
-    first = next((p for c in chapters for p in c.plots if p.name == "energy"), None)
-    page = Page(variant.title, site.url(variant), brief=spans < SPANS_UPPER)
     where = f"runs.html?problem={results.variants.index(variant)}&label="
-    follow = list_followed(variant)
-    drifts = [d for d in read_judged(results.folder, DRIFTS).found or () if d.variant == variant.title]
     site.write(
-        page, "problem.html", variant=variant, scene=scene, work=next((c for c in chapters if c.plots[0].x.log), None),
-        scripts=[f"data/{scene['file']}.js", "assets/stage.js"] if scene else [],
-        follow_title=follow_title(variant, follow), chapters=chapters, measure=measure_for(variant.runs),
-        drifts=drifts,
-        drift_words=words,
-        plots=[p for c in chapters for p in c.plots], left_out=len(variant.runs) - len(lines),
-        facts_of_it=facts_of(variant, max((m.bodies for m in motions.values()), default=0)),
-        sentence=best_and_worst(boxes_of(variant, label)), first=first, sketch=_draw_mechanism(results, variant),
+        Page(variant.title, site.url(variant), brief=not plain), "problem.html", variant=variant, scene=scene,
+        scripts=[f"data/{scene['file']}.js", "assets/stage.js"] if scene else [], chapters=chapters,
+        work=next((c for c in chapters if c.plots[0].x.log), None), measure=measure_for(variant.runs),
+        first=next((p for c in chapters for p in c.plots if p.name == "energy"), None),
+        drifts=[d for d in read_judged(results.folder, DRIFTS).found or () if d.variant == variant.title],
+        plots=[p for c in chapters for p in c.plots],
+        left_out=len(variant.runs) - len(lines),
+        bodies=max((m.bodies for m in motions.values()), default=0), until=judged_until(variant.runs), own=judged_own,
+        sentence=best_and_worst(boxes), sketch=sketch_of(results, variant),
         about=about_problem(variant.problem), hard=why_hard(variant.problem), groups=groups, most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
-        followed=follow,
-        extras=extras([line.run for line in lines]),
-        events=events([m for m in motions.values() if m.events]),
+        followed=list_followed(variant), extras=list(extras([k.run for k in lines])), events=events(motions.values()),
     )  # fmt: skip
-    site.drawn.update((line.run.record.run_id, variant.slug) for line in lines if motions[line.run.record.run_id].moved)
+    site.drawn.update((name, variant.slug) for name, m in motions.items() if m.moved)
+
+
+def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
+    """Choose the variant with a wrong run, else with most runs, of each problem of the heat map; most telling first."""
+
+    def telling(variant: Variant) -> tuple[int, int, int]:
+        """How many solvers are wrong on it in the plain comparison, and in all; how many runs it has."""
+        wrong = [c for c in variant.runs if c.status == "wrong"]
+        plain = {c.record.solver for c in wrong if c.record.label == label}
+        return len(plain), len({c.record.solver for c in wrong}), len(variant.runs)
+
+    found = group_by(picture.problems if picture else (), lambda p: p.problem)
+    best = [max(own, key=telling) for own in found.values()]
+    return sorted(best, key=telling, reverse=True)[:MINIATURES]
+
+
+def roles_of(variant: Variant, label: str, site: Site) -> list[tuple[Run, str]]:
+    """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
+    best_first = [b.run for b in rank(boxes_of(variant, label))]
+    cheapest = _cheapest_first(variant, site) or best_first
+    paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.succeeded),
+                   key=lambda c: len(c.record.paper_label))  # fmt: skip
+    sizes = {c.record.run_id: min(m.part, 1e9) if (m := margin(c)) else 0.0 for c in variant.runs}
+    worst = sorted(
+        (c for c in variant.runs if c.status == "wrong"), reverse=True,  # implicit methods, which most codes in use are
+        key=lambda c: (site.looks[c.record.solver].family == "implicit", sizes[c.record.run_id], c.record.run_id),
+    ) or best_first[1:][-1:]  # fmt: skip
+    out: dict[str, tuple[Run, str]] = {}
+    for runs, words in ((cheapest, "cheapest accurate"), (paper, "the paper's"), (worst, "the worst")):
+        for run in [c for c in runs if c.record.series][:1]:
+            out.setdefault(run.record.run_id, (run, words))
+    return list(out.values())
+
+
+def _cheapest_first(variant: Variant, site: Site) -> list[Run]:
+    """Successes by their solver's cost at one error, whose ladder may be over another time of the same motion."""
+
+    def start(v: Variant) -> dict[str, Any]:
+        return {name: value for name, value in v.runs[0].parameters.items() if name != "t_end"}
+
+    same = {v.title for v in site.results.variants if v.problem == variant.problem and start(v) == start(variant)}
+    found = of_most_problems([f for f in site.frontiers if f.variant in same])
+    order = [p.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
+    sound = [c for c in variant.runs if c.succeeded and c.record.solver in order]
+    return sorted(sound, key=lambda c: (order.index(c.record.solver), c.record.cpu_median_s))
+
+
+def scene_of(results: Results, site: Site, variant: Variant, label: str) -> dict[str, Any] | None:
+    """A stage in ``data/stage-<slug>.js`` and what the page says beside it; None where no run kept poses."""
+    roles, measure = roles_of(variant, label, site), measure_for(variant.runs)
+    play = stage(results, roles, measure, site.looks)
+    if play is None:
+        return None
+    site.bundle(f"stage-{variant.slug}", play)
+    small = stage(results, roles[:1], measure, site.looks, SMALL)
+    return {
+        "file": f"stage-{variant.slug}", "title": variant.title, "problem": variant.problem.replace("_", " "),
+        "slug": variant.slug, "said": [_describe_role(run, role, site) for run, role in roles],
+        "small": small and {**small, "players": [] if small["exact"] else small["players"]},
+    }  # fmt: skip
+
+
+def _describe_role(run: Run, role: str, site: Site) -> dict[str, str]:
+    measured, r = mark(run.status), run.record
+    broken = [b for b in reasons_of(r.wrong_because) if run.status == "wrong" and math.isfinite(b.time_s)]
+    first = min(broken, key=lambda b: b.time_s, default=None)
+    since = f": {law_of(first)} passes its limit at {number(first.time_s)} s" if first else ""
+    return {
+        "solver": r.solver, "code": code_of_others(r.solver), "words": role, "step": run.step_words,
+        "url": site.url(run), "claimed": r.claimed.replace("_", " "), "measured": f"{measured.word}{since}",
+        "kind": measured.kind, "why": run.reasons[0] if run.reasons else "",
+    }  # fmt: skip

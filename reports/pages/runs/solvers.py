@@ -1,27 +1,27 @@
 """The list of solvers, and a page for each: its method, its certificate card, its costs, where it fails and why."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
+from ....harness.results.judgements.runs import Drift, Order
 from ....harness.results.words import words_of
+from ...model.accuracy import Followed, list_followed
 from ...model.catalogue import about_solver
-from ...model.followed import Followed, list_followed
 from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import heat
-from ...model.results import Results, Run, by_solver, group_by, text_of
-from ...model.scores import Score, Standing, score, standings
-from ...model.variants import broadest, groups_of, themselves
-from ...model.words import plural
-from ..base import Page, Site
-from ..judged import drifts, scorecard
-from ..judged.orders import certificates, ladders, verdict_mark
-from ..judgement import Judged, links_of, read_judged_or_published
-from .card import QUANTITY, card_of
+from ...model.results import Results, Run, by_solver, group_by, natural, text_of
+from ...model.scores import Score, broadest, groups_of, score, standings, themselves
+from ...model.words import decade, number, plural, time
+from ..base import Page, Site, read_judged_or_published
+from ..judged import orders as judging
+from ..svg import badge
 
 CHIPS = 8  # runs named in a row; the problem's page has all
 DRAWN = 6  # ladders of a solver that are drawn
 FILES: tuple[File[Any], ...] = (ORDERS, DRIFTS, SYMMETRIES, WRONG)  # judgements beyond one run, of all solvers
+QUANTITY = "position"  # whose order stands for a solver
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -32,49 +32,33 @@ def write(results: Results, site: Site) -> Page | None:
     picture = heat(results)
     follow = [f for p in (picture.problems if picture else ()) for f in list_followed(p)]
     costs = of_most_problems(broad(results, site.frontiers))
+    loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
     for name, runs in by_solver(results.runs).items():
+        orders, drifts, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
+        certified = judging.by_case(orders)
+        drawn = judging.ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
+        card = site.cards[name] = card_of(name, orders, drifts, follow, costs)
+        image = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
+        (site.folder / image).write(card["badge"], durable=False)
+        failed = group_by((c for c in runs if not c.succeeded), lambda c: c.status)
+        reasons = sorted(failed.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))  # the most frequent first
+        work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
                 for group, own in groups_of(p, label).items()]  # fmt: skip
-        rows = [row for row in rows if row[2]]
-        _page(
-            results, site, name, judged, follow, costs, runs=runs, score=score(runs), most=CHIPS,
-            paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})), options=_options(runs),
-            reasons=_reasons(runs), loud=sorted(runs, key=lambda c: (c.record.label != label, c.variant not in plain)),
-            rows=[row for row in rows if row[0].title in plain],
-            apart=[row for row in rows if row[0].title not in plain],
+        site.write(
+            Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=image, about=about_solver(name),
+            scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
+            runs=runs, score=score(runs), most=CHIPS, options=_options(runs), reasons=reasons,
+            paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})),
+            loud=[c for c in loud if c.record.solver == name],
+            rows=[row for row in rows if row[2] and row[0].title in plain],
+            apart=[row for row in rows if row[2] and row[0].title not in plain],
+            whys=[(j.why, j.published) for j in judged], certificates=certified,
+            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))), judging=judging,
+            checks=group_by(symmetries, lambda s: s.title), wrong=wrong, reason_words=words_of,
         )  # fmt: skip
-    found = standings(results)
-    loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
-    return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html", standings=found,
-                      label=label, title=title(found), loud=loud,
-                      about={v.solver: about_solver(v.solver) for v in found})  # fmt: skip
-
-
-def title(found: Sequence[Standing]) -> str:
-    """How many succeed on every problem that they ran."""
-    ran = [v for v in found if v.finest.runs]
-    whole = [v for v in ran if v.finest.succeeded == v.finest.runs]
-    return f"{len(whole)} of {plural(len(ran), 'solver')} succeed on every problem they ran" if ran else "Solvers"
-
-
-def _page(results: Results, site: Site, name: str, judged: Sequence[Judged[Any]], follow: Sequence[Followed],
-          costs: Sequence[Frontier], **values: Any) -> None:  # fmt: skip
-    orders, drift, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
-    links = links_of(results.runs)
-    certified = certificates(orders, links)
-    drawn = ladders([c for c in certified if c.of.quantity == QUANTITY and c.fixed])[:DRAWN]
-    card = site.cards[name] = card_of(name, orders, drift, follow, costs)
-    badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
-    (site.folder / badge).write(card.badge, durable=False)
-    work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
-    site.write(
-        Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
-        scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
-        links=links, whys=[(j.why, j.published) for j in judged], certificates=certified,
-        drifts=drifts.anatomies(drift), drift_words=drifts.words, verdict_mark=verdict_mark,
-        checks=scorecard.boxes_of(symmetries),
-        marks_of=scorecard.MARKS, symmetry_words=scorecard.words, wrong=wrong, reason_words=words_of, **values,
-    )  # fmt: skip
+    return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html",
+                      standings=standings(results), label=label, loud=loud, about=about_solver)  # fmt: skip
 
 
 def _options(runs: Sequence[Run]) -> dict[str, Score]:
@@ -87,7 +71,39 @@ def _options(runs: Sequence[Run]) -> dict[str, Score]:
     return {words: score(found[words]) for words in ordered}
 
 
-def _reasons(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
-    """Runs that did not succeed, grouped by how they ended; the most frequent ending first."""
-    found = group_by((c for c in runs if not c.succeeded), lambda c: c.status)
-    return sorted(found.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))
+def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], followed: Sequence[Followed],
+            costs: Sequence[Frontier]) -> dict[str, Any]:  # fmt: skip
+    """Facts about a solver at its default options, and the same as a badge; a line without a fact is left out.
+
+    The order of fixed steps with the narrowest interval, and how many problems agree on its verdict; the energy drift
+    of the longest run; the motion of which the smallest part is followed; the mean ratio to the cheapest at one error.
+    A fact is its name and value, the value on the badge, and the kind of mark that colours it.
+    """
+    facts: list[tuple[str, str, str, str]] = []
+    if own := [
+        o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY) and math.isfinite(o.low)
+    ]:
+        best = min(own, key=lambda o: (o.against != "dt", o.verdict != "certified", o.high - o.low))
+        declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
+        on = f"{best.verdict} on {sum(o.verdict == best.verdict for o in own)} of {plural(len(own), 'problem')}"
+        value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f}){declared}; {on}"
+        facts.append(("order", value, f"{best.order:.2f}", judging.verdict_mark(best.verdict).kind))
+    if long := [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]:
+        d = max(long, key=lambda d: (d.periods, d.variant))
+        words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
+        over = f"{words} over {plural(d.periods, 'period')}"
+        moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
+        facts.append(("energy", f"{over} of {d.problem}{moved}", over, judging.verdict_mark(d.verdict).kind))
+    if motions := [f for f in followed if f.run.record.solver == solver and f.known > 0.0]:
+        whole, least = sum(f.whole for f in motions), min(motions, key=lambda f: f.until / f.known)
+        value = f"{whole} of {plural(len(motions), 'motion')} to the end of the reference"
+        if whole < len(motions):
+            until, known = (time(float(f"{v:.3g}")) for v in (least.until, least.known))
+            value += f"; least {least.run.variant}, {until} of {known} s"
+        facts.append(("followed", value, f"{whole} of {len(motions)}", "good" if whole == len(motions) else "failed"))
+    if factors := [p.factor for f in costs for p in f.places if p.run.record.solver == solver]:
+        mean = math.exp(sum(map(math.log, factors)) / len(factors))
+        ratio, on = f"×{number(mean, 2)}", f"{len(factors)} of {plural(len(costs), 'problem')}"
+        value = f"{ratio} the cheapest at {decade(costs[0].target)}, reached on {on}"
+        facts.append(("cost", value, ratio, "good" if mean < 3.0 else "refused"))
+    return {"solver": solver, "facts": facts, "badge": badge(solver, [(f[0], *f[2:]) for f in facts])}

@@ -1,13 +1,11 @@
 """The mechanism theatre: ``theatre-<slug>.html`` for each variant that has poses to show."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
-from ...mechanism.theatre.cast import RULE
-from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
-from ...model.results import Results, Run, Variant
-from ...model.variants import broadest, same_motion, themselves
+from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, RULE, players, scene
+from ...model.results import Results, Variant
+from ...model.scores import broadest, same_motion, themselves
 from ..base import Page, Site
 
 ALL_BYTES = 12_000_000  # of the data files of all theatres
@@ -22,20 +20,21 @@ SCRIPTS = (
 def write(results: Results, site: Site) -> Page | None:
     """Write every theatre; the first page, or None if no run has poses."""
     stages = {p.slug: t for p in _list_variants(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
-    level = fair([t.size for t in stages.values()], ALL_BYTES)
+    level = fair([t["size"] for t in stages.values()], ALL_BYTES)
     pages = []
-    for variant in results.variants:
-        own = stages.get(variant.slug)
-        poses = POSE_BYTES if own is None else min(POSE_BYTES, own.pose_bytes)
+    for own in (stages[p.slug] for p in results.variants if p.slug in stages):
+        play, variant = own["play"], own["variant"]
+        most = max(p["frames"] for p in play["players"])  # each run has as many poses as the longest
+        poses = min(float(POSE_BYTES), float(BODY_BYTES * play["bodies"] * len(play["players"]) * most))
         for _ in range(ROUNDS):
-            if own is not None and own.size > level:
-                poses *= 0.97 * level / own.size
-                own = _stage(results, site, variant, poses)
-        if own is not None:
-            page = Page(f"Theatre: {variant.title}", f"{own.name}.html", order=60, about=variant.slug, brief=True)
-            worst = {f"worst_{k}": max(p[f"off_{k}"] for p in own.play["players"]) for k in ("m", "rad")}
-            scripts = [*SCRIPTS[:-1], own.path, SCRIPTS[-1]]
-            pages.append(site.write(page, "theatre.html", scripts, own=own, rule=RULE, **worst))
+            if own["size"] > level:
+                poses *= 0.97 * level / own["size"]
+                own = _stage(results, site, variant, poses) or own
+        page = Page(f"Theatre: {variant.title}", f"{own['name']}.html", order=60, about=variant.slug, brief=True)
+        worst = {f"worst_{k}": max(p[f"off_{k}"] for p in own["play"]["players"]) for k in ("m", "rad")}
+        pages.append(
+            site.write(page, "theatre.html", [*SCRIPTS[:-1], own["path"], SCRIPTS[-1]], own=own, rule=RULE, **worst)
+        )
     return pages[0] if pages else None
 
 
@@ -47,27 +46,8 @@ def _list_variants(results: Results) -> list[Variant]:
     return sorted(found, key=lambda p: p.slug not in first)[: max(MOST, len(first))]
 
 
-@dataclass(frozen=True)
-class Stage:
-    """A data file that was written, and what the page says without it."""
-
-    variant: Variant
-    name: str
-    path: str
-    size: int
-    play: Mapping[str, Any]
-    players: tuple[Run, ...]
-    left_out: tuple[Run, ...]
-    addable: tuple[Run, ...]  # of them: each has a file of its own
-
-    @property
-    def pose_bytes(self) -> float:
-        """Bytes of its poses before compression, each run's as much as the longest's."""
-        players = self.play["players"]
-        return float(BODY_BYTES * self.play["bodies"] * len(players) * max(p["frames"] for p in players))
-
-
-def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) -> Stage | None:
+def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) -> dict[str, Any] | None:
+    """Write the data file; what the page says without it. Runs that a visitor may add have files of their own."""
     cast, more, left_out = players(results, variant)
     if not cast:
         return None
@@ -76,8 +56,8 @@ def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) ->
     for player in added:
         site.bundle(f"{name}-{player['run']}", player)
     path = site.bundle(name, play)
-    runs, addable = (tuple(p.run for p in own) for own in (cast, more))
-    return Stage(variant, name, path, (site.folder / path).size(), play, runs, left_out, addable)
+    return {"variant": variant, "name": name, "path": path, "size": (site.folder / path).size(), "play": play,
+            "players": [p.run for p in cast], "left_out": left_out, "addable": [p.run for p in more]}  # fmt: skip
 
 
 def fair(sizes: Sequence[int], whole: float) -> float:

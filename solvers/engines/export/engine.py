@@ -3,12 +3,35 @@
 import importlib
 import importlib.metadata
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from types import ModuleType
 
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.time_functions import varies
-from .tree import CUTTABLE
+from .tree import KINDS
+
+SPRINGS, TORSIONS, LOADS, VARYING, USERS = (
+    "springs", "torsional springs", "constant loads", "loads that vary", "user forces"
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Elements that an adapter hands to its engine beside gravity, and by element why the engine takes no more."""
+
+    kinds: tuple[str, ...] = tuple(KINDS)  # of joints
+    springs: bool = True
+    torsions: bool = True  # springs of hinges
+    loads: str = "none"  # or constant, or varying
+    lacks: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def elements(self) -> tuple[str, ...]:
+        """All by name."""
+        forces = {SPRINGS: self.springs, TORSIONS: self.torsions, LOADS: self.loads != "none",
+                  VARYING: self.loads == "varying"}  # fmt: skip
+        return (*map(str, self.kinds), *(name for name, taken in forces.items() if taken))
 
 
 def missing(module: str, wheel: str = "", remedy: str = "pip install 'mbsbench[engines]'") -> str | None:
@@ -20,34 +43,28 @@ def missing(module: str, wheel: str = "", remedy: str = "pip install 'mbsbench[e
     return None if found else f"{wheel or module} is not installed: {remedy}"
 
 
-def beyond(
-    system: MultibodySystem, kinds: Iterable[str] = CUTTABLE, *,
-    springs: bool = True, torsions: bool = False, loads: str = "none",
-) -> str | None:  # fmt: skip
-    """What of the system an adapter does not hand to its engine, or None.
-
-    ``torsions``: springs of hinges. ``loads``: none, constant ones, or varying ones, too.
-    """
-    taken, found = tuple(kinds), dict[str, list[str]]()
+def beyond(system: MultibodySystem, taken: Taken) -> str | None:
+    """What of the system an adapter does not hand to its engine, and why, or None."""
+    named, elements = {LOADS: "a load", VARYING: "a load that varies"}, taken.elements
+    found = dict[str, list[str]]()
     for k, name in enumerate(system.joint_names):
-        if system.joint_kind(k) not in taken:
-            found.setdefault(str(system.joint_kind(k)), []).append(name)
+        found.setdefault(str(system.joint_kind(k)), []).append(name)
     for k, body in enumerate(system.load_i):
-        varies_here = bool(varies(system.load_factor[k : k + 1])[0])
-        if loads == "none" or (loads == "constant" and varies_here):
-            what = "a load that varies" if varies_here else "a load"
-            found.setdefault(what, []).append(f"on {system.body_names[body]}")
-    words = [f"{what} ({', '.join(dict.fromkeys(names))})" for what, names in found.items()]
-    words += ["springs"] * (not springs and len(system.spring_k) > 0)
-    words += ["torsional springs"] * (not torsions and len(system.torsion_k) > 0)
-    words += ["user forces"] * (len(system.user_i) > 0)
-    if not words:
+        what = VARYING if varies(system.load_factor[k : k + 1])[0] else LOADS
+        found.setdefault(what, []).append(f"on {system.body_names[body]}")
+    others = {SPRINGS: system.spring_k, TORSIONS: system.torsion_k, USERS: system.user_i}
+    found |= {what: [] for what, some in others.items() if len(some)}
+    lacking = {what: names for what, names in found.items() if what not in elements}
+    if not lacking:
         return None
-    pushes = {"none": [], "constant": ["constant loads"], "varying": ["loads"]}[loads]
-    others = ["gravity", *["springs"] * springs, *pushes]
-    given = f"it is given {', '.join(taken[:-1])} and {taken[-1]} joints, {', '.join(others[:-1]) or others[-1]}"
-    given += f" and {others[-1]}" * (len(others) > 1)
-    return f"{given} only; the system has {', '.join(words)}"
+    words = [named.get(what, what) + (f" ({', '.join(dict.fromkeys(names))})" if names else "")
+             for what, names in lacking.items()]  # fmt: skip
+    pushes = {"none": [], "constant": ["constant loads"], "varying": ["loads"]}[taken.loads]
+    forces = ["gravity", *["springs"] * taken.springs, *pushes]
+    given = f"it is given {', '.join(taken.kinds[:-1])} and {taken.kinds[-1]} joints, "
+    given += " and ".join(filter(None, (", ".join(forces[:-1]), forces[-1])))
+    reasons = "; ".join(dict.fromkeys(taken.lacks[what] for what in lacking if what in taken.lacks))
+    return f"{given} only; the system has {', '.join(words)}" + (f": {reasons}" if reasons else "")
 
 
 def made_by(name: str) -> str:

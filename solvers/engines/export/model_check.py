@@ -14,7 +14,7 @@ elimination is backward stable. With accelerations u_dot by the engine, no const
 S is the largest of a unit, m |Omega| |v|, m v^2 and |Omega| |J Omega| are sizes of the terms of w x* I w, and
 k = 6 (levels + 1) + nu counts roundings: three a product with a rotation, two of those a level and two for inertias and
 places, one for each velocity eliminated. The mass matrix and rows of loops differ by k eps of their
-largest entry.
+largest entry. A spring counts by its terms k d and k d_0, of which its force is the difference.
 """
 
 from collections.abc import Iterator
@@ -26,8 +26,10 @@ from jaxtyping import Float
 
 from ....harness.mechanics.dynamics import accelerations
 from ....harness.mechanics.jacobian import constraint_jacobian, independent_rows
-from ....harness.mechanics.motion import applied_loads, kinetic_energy, potential_energy
+from ....harness.mechanics.motion import applied_loads, kinetic_energy, potential_energy, spring_line
 from ....harness.mechanics.state import State, States
+from ....harness.mechanics.system import MultibodySystem
+from ....harness.mechanics.torsion import torsion
 from ....harness.types import Problem
 
 SAME = 1e-10  # rounding of the sums on the way is 1e-13 with 55 bodies
@@ -59,7 +61,7 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     exact = np.concatenate((rates.v_dot, rates.Omega_dot), axis=1)
     theirs = model.bias + (T @ _rigid(model, exact)).reshape(-1, 6)
     load = applied_loads(system, States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)))[0]
-    rest_forces = T.T @ load.ravel()
+    rest_forces, pulls = T.T @ load.ravel(), _spring_sizes(system, one)
     largest = _rates(one, np.concatenate((exact, load[:, :3] / system.mass[:, None]), axis=1))
     kinetic, potential = float(kinetic_energy(system, one)[0]), float(potential_energy(system, one)[0])
     lift = float(system.mass @ np.linalg.norm(start.r, axis=1)) * float(np.linalg.norm(system.gravity))
@@ -68,7 +70,7 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     left = T.shape[1] - rank(model.constraints, float(np.max(np.abs(T), initial=0.0)))
     return {
         "mass matrix": _apart(model.mass_matrix, T.T @ mass_blocks(problem) @ T),
-        "forces at rest": _apart(model.rest_forces, rest_forces, float(np.max(np.abs(load), initial=0.0))),
+        "forces at rest": _apart(model.rest_forces, rest_forces, float(max(np.max(np.abs(load)), np.max(pulls)))),
         "kinetic energy": abs(model.kinetic - kinetic) / (joules or 1.0),
         "potential energy": 0.0 if model.potential is None else abs(model.potential - potential) / (joules or 1.0),
         "acceleration of C": _apart(theirs[:, :3], exact[:, :3], largest),
@@ -119,7 +121,8 @@ def force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
         v, spin = np.linalg.norm(state.v, axis=1), np.linalg.norm(state.Omega, axis=1)
         crossed = np.stack((m * spin * v, m * v**2 + spin * np.linalg.norm(momentum, axis=1)), axis=1)
         inertia = np.stack((m, np.linalg.norm(J, 2, axis=(1, 2))), axis=1)
-        size = np.einsum("bkn,bk->n", parts, _sizes(load) + inertia * rates + crossed)
+        pulls = _spring_sizes(system, States.one(state))
+        size = np.einsum("bkn,bk->n", parts, _sizes(load) + pulls + inertia * rates + crossed)
         size = np.where(turns, np.max(size[turns], initial=0.0), np.max(size[~turns], initial=0.0))
         out[name] = float(np.max(np.abs(forces - T.T @ lacking.ravel()) / np.where(size > 0.0, size, 1.0), initial=0.0))
     return out
@@ -136,6 +139,19 @@ def mass_blocks(problem: Problem) -> Float[np.ndarray, "twists twists"]:
     """blockdiag(m I, J), body by body."""
     masses = zip(problem.system.mass, problem.system.regular_inertia, strict=True)
     return np.array(sl.block_diag(*(b for m, J in masses for b in (m * np.eye(3), J))))
+
+
+def _spring_sizes(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb 2"]:
+    """Terms k d and k d_0 of springs on each body [N, N m], which cancel where a spring is at rest."""
+    out, (stretched, _, _) = np.zeros((system.nb + 1, 2)), torsion(system, one)  # the last one is the ground
+    for k, stiffness in enumerate(system.spring_k):
+        pull = stiffness * (np.linalg.norm(spring_line(system, one, k)[0]) + system.spring_d0[k])
+        for b, p in ((system.spring_i[k], system.spring_p_i[k]), (system.spring_j[k], system.spring_p_j[k])):
+            out[b] += pull * np.array([1.0, np.linalg.norm(p)])
+    for k, stiffness in enumerate(system.torsion_k):
+        for b in (system.torsion_i[k], system.torsion_j[k]):
+            out[b, 1] += stiffness * (abs(stretched[0, k]) + abs(system.torsion_rest[k]))
+    return out[:-1]
 
 
 def _sizes(wrenches: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, "nb 2"]:

@@ -12,7 +12,7 @@ from .tree import PARALLEL, Kind, Tree
 
 
 def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
-    """Limbs (with the ``torsion`` and ``drive`` of a hinge), cuts, springs, loads; vectors in the frames of bodies."""
+    """Limbs (with ``torsion``, ``drive`` of a hinge), cuts, links, springs, loads; vectors in the frames of bodies."""
     torsions = springs_of_hinges(system, start, tree)
     drives = {drive.body: {"name": drive.name, "motion": drive.motion} for drive in tree.drives}
     limbs = [
@@ -27,13 +27,15 @@ def plain(tree: Tree, system: MultibodySystem, start: State) -> dict[str, Any]:
          "stiffness": system.spring_k[k], "damping": system.spring_c[k], "rest_length": system.spring_d0[k]}
         for k in range(len(system.spring_k))
     ]  # fmt: skip
-    cuts = [{f.name: getattr(cut, f.name) for f in fields(cut)} for cut in tree.cuts]
+    cuts, links = (
+        [{f.name: getattr(one, f.name) for f in fields(one)} for one in of] for of in (tree.cuts, tree.links)
+    )
     loads = [
         {"body": system.load_i[k], "point": system.load_p[k], "force": system.load_force[k],
          "torque": system.load_torque[k], "follows": bool(system.load_follows[k]), "factor": system.load_factor[k]}
         for k in range(len(system.load_i))
     ]  # fmt: skip
-    return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "springs": springs, "loads": loads,
+    return {"gravity": system.gravity, "limbs": limbs, "cuts": cuts, "links": links, "springs": springs, "loads": loads,
             "start": tree.start, "start_velocity": tree.start_velocity}  # fmt: skip
 
 

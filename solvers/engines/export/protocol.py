@@ -25,12 +25,12 @@ from jaxtyping import Float
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.recording import Clock, Clocked, StepFailure
 from ..inside.serve import step
-from .engine import beyond, missing
+from .engine import Taken, beyond, missing
 from .march import STRETCH, PartialStretch, march
 from .model_check import EngineModel, check_states, force_refusal, mass_blocks, model_refusal
 from .plain import plain
 from .process import environment_of, process_of, seconds_of_processes
-from .tree import KINDS, spanning_tree
+from .tree import spanning_tree
 
 
 class Adapter(Clocked):
@@ -43,10 +43,7 @@ class Adapter(Clocked):
     package: ClassVar[str]  # to import here where it has no environment
     wheel: ClassVar[str]
     remedy: ClassVar[str] = "pip install 'mbsbench[engines]'"
-    kinds: ClassVar[tuple[str, ...]] = tuple(KINDS)  # of joints that it takes
-    springs: ClassVar[bool] = True
-    torsions: ClassVar[bool] = True
-    loads: ClassVar[str] = "none"  # or constant, or varying
+    takes: ClassVar[Taken] = Taken()
     eps: ClassVar[float] = 0.0  # of its numbers, where they are of single precision
     moving: ClassVar[bool] = False  # whether the model check asks for random velocities, too
     stretch: ClassVar[int] = STRETCH
@@ -54,11 +51,7 @@ class Adapter(Clocked):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why the engine cannot take the problem, or None."""
         absent = None if environment_of(self.inside) else missing(self.package, self.wheel, self.remedy)
-        if (
-            reason := absent
-            or beyond(problem.system, self.kinds, springs=self.springs, torsions=self.torsions, loads=self.loads)
-            or self._cannot(problem, control)
-        ) is not None:
+        if (reason := absent or beyond(problem.system, self.takes) or self._cannot(problem, control)) is not None:
             return reason
         try:
             return self.differing(problem, control)

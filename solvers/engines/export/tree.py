@@ -72,6 +72,7 @@ class Kind(Enum):
 DRIVES = (MovingKind.DRIVEN_ANGLE, MovingKind.DRIVEN_POSITION)
 PARALLEL = 1e-9  # of two axes
 CUTTABLE = (JointKind.SPHERICAL, JointKind.REVOLUTE)
+LINKS = (JointKind.DISTANCE, JointKind.ON_LINE)
 KINDS = {
     JointKind.SPHERICAL: Kind.BALL, JointKind.REVOLUTE: Kind.HINGE, JointKind.PRISMATIC: Kind.SLIDE,
     JointKind.CYLINDRICAL: Kind.CYLINDER, JointKind.UNIVERSAL: Kind.UNIVERSAL, JointKind.FIXED: Kind.FIXED,
@@ -113,6 +114,18 @@ class Coincidence:
 
 
 @dataclass(frozen=True)
+class Link:
+    """Point ``s_i`` of body i at ``length`` from point ``s_j`` of j, or where that is 0 on a line of j through it."""
+
+    i: int
+    s_i: Float[np.ndarray, " 3"]
+    j: int
+    s_j: Float[np.ndarray, " 3"]
+    axis: Float[np.ndarray, " 3"]
+    length: float
+
+
+@dataclass(frozen=True)
 class Drive:
     """The coordinate of the hinge or slide of ``body`` as a function of time, 0 at the start."""
 
@@ -124,13 +137,14 @@ class Drive:
 
 @dataclass(frozen=True)
 class Tree:
-    """Limbs in the order of the coordinates, the cut joints, and the drives."""
+    """Limbs in the order of the coordinates, the cut joints, the drives, and links beside the tree."""
 
     limbs: tuple[Limb, ...]
     cuts: tuple[Coincidence, ...]
     start: Float[np.ndarray, " nq"]
     start_velocity: Float[np.ndarray, " nu"]
     drives: tuple[Drive, ...] = ()
+    links: tuple[Link, ...] = ()
 
     def states(self, q: Float[np.ndarray, "nt nq"], u: Float[np.ndarray, "nt nu"]) -> States:
         """Poses and velocities of all bodies."""
@@ -222,7 +236,7 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     while pending:
         visit(pending.pop())
     used = {joint for _, joint in reached.values()}
-    cut = [k for k in range(system.nj) if k not in used and system.joint_kind(k) not in DRIVES]
+    cut = [k for k in range(system.nj) if k not in used and system.joint_kind(k) not in (*DRIVES, *LINKS)]
     for k in cut:
         if system.joint_kind(k) not in CUTTABLE:
             raise ValueError(f"the {system.joint_kind(k)} joint {system.joint_names[k]} closes a loop that only "
@@ -234,7 +248,8 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
         )
     bare = Tree(tuple(limbs), (), q, u)
     drives = tuple(_drive(system, bare, k) for k in range(system.nj) if system.joint_kind(k) in DRIVES)
-    return Tree(bare.limbs, _coincidences(system, start, cut, bare._unit_motions()), q, u, drives)
+    links = tuple(_link(system, k) for k in range(system.nj) if system.joint_kind(k) in LINKS)
+    return Tree(bare.limbs, _coincidences(system, start, cut, bare._unit_motions()), q, u, drives, links)
 
 
 def _breadth_first(system: MultibodySystem) -> tuple[dict[int, tuple[int, int]], dict[int, list[int]]]:
@@ -259,7 +274,7 @@ def _breadth_first(system: MultibodySystem) -> tuple[dict[int, tuple[int, int]],
         while queue:
             follow(queue.pop(0), followed, queue)
 
-    followed = [k for k in range(system.nj) if system.joint_kind(k) not in DRIVES]
+    followed = [k for k in range(system.nj) if system.joint_kind(k) not in (*DRIVES, *LINKS)]
     whole = [k for k in followed if system.joint_kind(k) not in CUTTABLE]
     spread([GROUND])
     for b in range(system.nb):
@@ -309,6 +324,11 @@ def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
                 numbers[5:] = system.joint_motion[k, 5:]
                 return Drive(name, limb.body, limb.u_at, numbers)
     raise ValueError(f"the drive {name} is not along the axis of a {kind.value[0]} of the tree")
+
+
+def _link(system: MultibodySystem, k: int) -> Link:
+    axis, length = np.cross(*system.joint_n[k, :2]), float(system.joint_length[k])
+    return Link(int(system.joint_i[k]), system.joint_s_i[k], int(system.joint_j[k]), system.joint_s_j[k], axis, length)
 
 
 def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""MuJoCo's description of a tree, for engines that read it."""
+"""MuJoCo's description of a tree, of springs and of loads."""
 
 from typing import Any
 
@@ -29,8 +29,11 @@ def model_of(data: dict[str, Any]) -> Any:
             iquat=quaternion(axes * np.linalg.det(axes)), quat=quaternion(R_0),
             pos=limb["r"] if free else np.array(limb["s_parent"]) - R_0 @ limb["s_child"],
         )  # fmt: skip
-        axis = limb["axis"] if limb["kind"] == "HINGE" else (0.0, 0.0, 1.0)
-        part.add_joint(type=getattr(mj.mjtJoint, f"mjJNT_{limb['kind']}"), pos=limb["s_child"], axis=axis)
+        if limb["kind"] in ("BALL", "FREE"):
+            part.add_joint(type=getattr(mj.mjtJoint, f"mjJNT_{limb['kind']}"), pos=limb["s_child"])
+        for slides, axis in limb["moves"]:
+            kind = mj.mjtJoint.mjJNT_SLIDE if slides else mj.mjtJoint.mjJNT_HINGE
+            part.add_joint(type=kind, pos=limb["s_child"], axis=axis, **spring_of(limb["torsion"]))
     for cut in data["cuts"]:
         row = spec.add_equality(type=mj.mjtEq.mjEQ_CONNECT, objtype=mj.mjtObj.mjOBJ_BODY)
         row.name1, row.name2 = (parts[cut[k]].name for k in ("i", "j"))
@@ -38,4 +41,37 @@ def model_of(data: dict[str, Any]) -> Any:
         if ours:
             d = options["impedance"]
             row.solref, row.solimp = (options["time_constant"] * data["dt"], 1.0), (d, d, 1e-3, 0.5, 2.0)
+    add_springs(spec, parts, data["springs"])
+    add_loads(spec, parts, data["loads"])
     return spec
+
+
+def spring_of(torsion: dict[str, float] | None) -> dict[str, Any]:
+    """A torsional spring as those of a joint."""
+    if torsion is None:
+        return {}
+    return {"stiffness": [torsion["stiffness"], 0.0, 0.0], "damping": [torsion["damping"], 0.0, 0.0],
+            "springref": torsion["rest_angle"]}  # fmt: skip
+
+
+def add_springs(spec: Any, parts: dict[int, Any], springs: list[dict[str, Any]]) -> None:
+    """Springs as tendons between two sites."""
+    for k, one in enumerate(springs):
+        cord = spec.add_tendon(stiffness=[one["stiffness"], 0.0, 0.0], damping=[one["damping"], 0.0, 0.0],
+                               springlength=[one["rest_length"]] * 2)  # fmt: skip
+        for end, b in enumerate("ij"):
+            parts[int(one[b])].add_site(name=f"spring {k} {end}", pos=one[f"p_{b}"])
+            cord.wrap_site(f"spring {k} {end}")
+
+
+def add_loads(spec: Any, parts: dict[int, Any], loads: list[dict[str, Any]]) -> None:
+    """Constant loads as actuators without control: the bias is 1, the gear the wrench, in space or in the body."""
+    for k, load in enumerate(loads):
+        parts[int(load["body"])].add_site(name=f"load {k}", pos=load["point"])
+        actuator = spec.add_actuator(name=f"load {k}", trntype=mj.mjtTrn.mjTRN_SITE, target=f"load {k}")
+        if not load["follows"]:
+            spec.worldbody.add_site(name=f"load {k} in space")
+            actuator.refsite = f"load {k} in space"
+        actuator.gear = load["factor"][0] * np.concatenate((load["force"], load["torque"]))
+        actuator.gaintype, actuator.gainprm = mj.mjtGain.mjGAIN_FIXED, np.zeros_like(actuator.gainprm)
+        actuator.biastype, actuator.biasprm = mj.mjtBias.mjBIAS_AFFINE, np.eye(len(actuator.biasprm))[0]

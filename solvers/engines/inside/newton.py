@@ -39,13 +39,10 @@ class Model:
             if limb["kind"] == "FREE":
                 joints.append(builder.add_joint_free(child))
                 continue
-            ends = {"parent": link[limb["parent"]], "child": child, "armature": 0.0,
+            ends = {"parent": link[limb["parent"]], "child": child,
                     "parent_xform": _frame(limb["s_parent"], limb["R_0"]),
                     "child_xform": _frame(limb["s_child"], np.eye(3))}  # fmt: skip
-            if limb["kind"] == "BALL":
-                joints.append(builder.add_joint_ball(**ends))
-            else:
-                joints.append(builder.add_joint_revolute(axis=wp.vec3(*limb["axis"]), **ends))
+            joints.append(_add_joint(builder, limb["kind"], limb["moves"], ends))
         for root, tree in _trees(limbs, joints):
             builder.add_articulation(tree, label=f"tree {root}")
         self._cuts = len(data["cuts"])
@@ -114,6 +111,22 @@ class Model:
         p /= np.linalg.norm(p, axis=-1, keepdims=True)
         out = np.concatenate((pose[..., :3], p, twist[..., :3], turned_back(p, twist[..., 3:])), axis=-1)
         return out.reshape(len(out), -1)
+
+
+def _add_joint(builder: Any, kind: str, moves: list[Any], ends: dict[str, Any]) -> int:
+    """With the axes of its moves in the frame of the child at the start."""
+    if kind == "BALL":
+        return int(builder.add_joint_ball(armature=0.0, **ends))
+    if kind == "FIXED":
+        return int(builder.add_joint_fixed(**ends))
+    if len(moves) == 1:
+        ((slides, axis),) = moves
+        add = builder.add_joint_prismatic if slides else builder.add_joint_revolute
+        return int(add(axis=wp.vec3(*axis), armature=0.0, **ends))
+    axes: dict[bool, list[Any]] = {True: [], False: []}
+    for slides, axis in moves:
+        axes[slides].append(builder.JointDofConfig(axis=wp.vec3(*axis), armature=0.0))
+    return int(builder.add_joint_d6(linear_axes=axes[True], angular_axes=axes[False], **ends))
 
 
 def _settings(name: str, options: dict[str, Any]) -> dict[str, Any]:

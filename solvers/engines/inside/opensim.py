@@ -48,6 +48,14 @@ class Model:
             constraint = osim.PointConstraint(*ends)
             constraint.setName(f"cut_{k}")
             model.addConstraint(constraint)
+        for k, link in enumerate(data["links"]):
+            (one, p), (two, s) = ((self._bodies[link[b]], osim.Vec3(*link[f"s_{b}"])) for b in ("i", "j"))
+            if link["length"]:
+                constraint = osim.ConstantDistanceConstraint(two, s, one, p, link["length"])
+            else:
+                constraint = osim.PointOnLineConstraint(two, osim.Vec3(*link["axis"]), s, one, p)
+            constraint.setName(f"link_{k}")
+            model.addConstraint(constraint)
         try:
             self._state = model.initSystem()
         except RuntimeError as error:  # of its checks, e.g. an inertia that no body can have

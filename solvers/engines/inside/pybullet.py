@@ -61,10 +61,10 @@ class Model:
         columns = []
         for limb in self._data["limbs"]:
             (body, link), server = self._at[limb["body"]], self._server
-            for k in range({"FREE": 6, "BALL": 3, "HINGE": 1}[limb["kind"]]):
+            for k in range({"FREE": 6, "BALL": 3, "FIXED": 0}.get(limb["kind"], 1)):
                 self._set(self._start, 0.0 * self._velocity)
                 unit = np.eye(3)[k % 3]
-                if limb["kind"] == "HINGE":
+                if limb["moves"]:
                     bullet.setJointMotorControl2(body, link, bullet.TORQUE_CONTROL, force=1.0, physicsClientId=server)
                 elif limb["kind"] == "BALL":
                     bullet.setJointMotorControlMultiDof(body, link, bullet.TORQUE_CONTROL, physicsClientId=server,
@@ -121,10 +121,10 @@ class Model:
         columns: dict[str, list[Any]] = {key: [] for key in COLUMNS}
         for k, limb in enumerate(links):
             b = limb["body"]
-            kind = bullet.JOINT_REVOLUTE if limb["kind"] == "HINGE" else bullet.JOINT_SPHERICAL
+            kind, axis = KINDS[limb["kind"]], limb["moves"][0][1] if limb["moves"] else limb["axis"]
             values = (
                 limb["mass"], -1, -1, np.array(limb["s_parent"]) - arm[limb["parent"]], _quaternion(limb["R_0"]),
-                -np.array(limb["s_child"]), _quaternion(self._frame[b]), place[limb["parent"]], kind, limb["axis"],
+                -np.array(limb["s_child"]), _quaternion(self._frame[b]), place[limb["parent"]], kind, axis,
             )  # fmt: skip
             for key, value in zip(COLUMNS, values, strict=True):
                 columns[key].append(value)
@@ -141,7 +141,7 @@ class Model:
             if not default:
                 bullet.changeDynamics(body, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
                                       maxJointVelocity=UNLIMITED, physicsClientId=server)  # fmt: skip
-            if limb["kind"] == "HINGE":
+            if limb["moves"]:
                 bullet.setJointMotorControl2(body, link, bullet.VELOCITY_CONTROL, force=0, physicsClientId=server)
             elif limb["kind"] == "BALL":
                 bullet.setJointMotorControlMultiDof(
@@ -158,9 +158,9 @@ class Model:
                 axes = _quaternion(R @ self._frame[limb["body"]])
                 bullet.resetBasePositionAndOrientation(body, x[:3], axes, physicsClientId=self._server)
                 bullet.resetBaseVelocity(body, v[:3], R @ v[3:6], physicsClientId=self._server)
-            elif limb["kind"] == "HINGE":
+            elif limb["moves"]:
                 bullet.resetJointState(body, link, x[0], v[0], physicsClientId=self._server)
-            else:
+            elif limb["kind"] == "BALL":
                 turn, w = self._principal(limb["body"], np.roll(x[:4], -1)), self._frame[limb["body"]].T @ v[:3]
                 bullet.resetJointStateMultiDof(body, link, turn, w, physicsClientId=self._server)
 
@@ -176,9 +176,9 @@ class Model:
                 R = matrices(np.roll(p, 1)[None])[0] @ self._frame[limb["body"]].T
                 row[a : a + 3], row[a + 3 : a + 7] = r, quaternion(R)
                 row[b : b + 3], row[b + 3 : b + 6] = v, R.T @ w
-            elif limb["kind"] == "HINGE":
+            elif limb["moves"]:
                 row[a], row[b] = bullet.getJointState(body, link, physicsClientId=self._server)[:2]
-            else:
+            elif limb["kind"] == "BALL":
                 q, u = bullet.getJointStateMultiDof(body, link, physicsClientId=self._server)[:2]
                 F = self._frame[limb["body"]]
                 row[a], row[a + 1 : a + 4], row[b : b + 3] = q[3], F @ q[:3], F @ u
@@ -200,6 +200,8 @@ class Model:
         return np.array(s) if b == GROUND else self._frame[b].T @ np.array(s)
 
 
+KINDS = {"HINGE": bullet.JOINT_REVOLUTE, "SLIDE": bullet.JOINT_PRISMATIC, "BALL": bullet.JOINT_SPHERICAL,
+         "FIXED": bullet.JOINT_FIXED}  # fmt: skip
 COLUMNS = (
     "linkMasses", "linkCollisionShapeIndices", "linkVisualShapeIndices", "linkPositions", "linkOrientations",
     "linkInertialFramePositions", "linkInertialFrameOrientations", "linkParentIndices", "linkJointTypes",

@@ -16,7 +16,7 @@ from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify, se
 from mbsbench.harness.results.judgements.files import ORDERS, format_judgement, read_judgement
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
-from mbsbench.reports.pages.judged.orders import words
+from mbsbench.reports.pages.judged.orders import describe_order
 
 from .synthetic import bare
 
@@ -106,7 +106,7 @@ def test_a_certificate_has_two_sides(order, verdict):
     """Exact powers: within 0.1 of two is certified; what is higher is another order, said apart."""
     entry = by_quantity(made_up("position_error_max_m", 0.1 * DT**order))["position"]
     assert entry.verdict == verdict
-    assert f"order {order:.2f}" in words(entry) and "declared 2" in words(entry)
+    assert f"order {order:.2f}" in describe_order(entry) and "declared 2" in describe_order(entry)
 
 
 @pytest.mark.parametrize(("order", "wrong"), [(2.0, "above declared"), (2.0, "below declared"), (2.3, "certified")])
@@ -122,10 +122,10 @@ def test_words_say_why_finest_slopes_are_left_out():
     """At a floor, with its level; or for no reason that is seen, and then the order is not certified."""
     lost = by_quantity(made_up("position_error_max_m", 0.1 * following(2.0, 2.0, 2.0, 2.0, 1.1)))["position"]
     assert lost.verdict == "undecided"
-    assert "the finest slope 1.10 does not follow it, and no floor is seen" in words(lost)
+    assert "the finest slope 1.10 does not follow it, and no floor is seen" in describe_order(lost)
     floored = by_quantity(made_up("position_error_max_m", 0.1 * following(2.0, 2.0, 2.0, 2.0, 1.1, 0.1)))["position"]
     assert floored.verdict == "certified"
-    assert "finest slopes 1.10, 0.10 left out: at the floor of 1.8e-04 m" in words(floored)
+    assert "finest slopes 1.10, 0.10 left out: at the floor of 1.8e-04 m" in describe_order(floored)
 
 
 def test_what_steps_leave_unsolved_is_a_floor_and_nothing_above_it():
@@ -166,7 +166,7 @@ def test_records_without_a_scale_of_velocities_have_no_order_in_velocity():
     runs = [dataclasses.replace(r, speed_scale_m_per_s=math.nan) for r in runs]
     found = by_quantity(runs)
     assert found["position"].verdict == "certified"
-    assert found["velocity"].verdict == "undecided" and "no scale" in words(found["velocity"])
+    assert found["velocity"].verdict == "undecided" and "no scale" in describe_order(found["velocity"])
 
 
 def test_errors_that_do_not_depend_on_the_step_have_no_order():
@@ -235,7 +235,7 @@ def test_ode_gc_is_certified_of_order_two(ran, problem, parameters, dt):
     """q, v, energy, |phi| and the reaction, within 0.1; |phi_dot| is held by the tolerance at every step."""
     found = by_quantity(ran(problem, "gc_weak_form", [dt / 2**k for k in range(6)], parameters, SHARP))
     for name in ("position", "orientation", "velocity", "angular velocity", "energy", "|phi|", "reaction"):
-        assert found[name].verdict == "certified", words(found[name])
+        assert found[name].verdict == "certified", describe_order(found[name])
         assert abs(found[name].order - 2.0) < 0.1, name
     assert found["|phi_dot|"].verdict in ("floor", "exact")
 
@@ -249,8 +249,8 @@ def test_without_the_b_term_no_order_is_certified(ran):
         ran("spherical_pendulum", "gc_weak_form", steps, away, {**SHARP, "gauge": "zero", "b_term": False})
     )
     for name in ("position", "velocity"):
-        assert sound[name].verdict == "certified", words(sound[name])
-        assert broken[name].verdict == "below declared", words(broken[name])
+        assert sound[name].verdict == "certified", describe_order(sound[name])
+        assert broken[name].verdict == "below declared", describe_order(broken[name])
         assert broken[name].order < 1.2
 
 
@@ -258,7 +258,7 @@ def test_a_free_sphere_is_exact_and_has_no_order(ran):
     """One step of any size is the motion: said, not fitted."""
     entry = by_quantity(ran("torque_free_body", "gc_weak_form", [1.0, 0.5, 0.25, 0.125], {"t_end": 4.0}))["orientation"]
     assert entry.verdict == "exact"
-    assert "no order to fit" in words(entry)
+    assert "no order to fit" in describe_order(entry)
     assert math.isnan(entry.order)
 
 
@@ -281,7 +281,7 @@ def test_runs_that_failed_or_cut_their_steps_are_not_fitted(ran):
     failed = [dataclasses.replace(runs[0], claimed="diverged"), *runs[1:]]
     entry = by_quantity(failed)["position"]
     assert len(entry.dt) == 5
-    assert "1 of 6 runs did not finish" in words(entry)
+    assert "1 of 6 runs did not finish" in describe_order(entry)
     assert certify(NOWHERE, runs[:3]) == ()
 
 
@@ -299,11 +299,11 @@ def test_a_ladder_that_is_refused_or_fails_says_why():
     runs = made_up("position_error_max_m", 0.1 * DT**2)[:4]
     no = [dataclasses.replace(r, claimed="refused", status="refused", message="no springs") for r in runs]
     (refused,) = certify(NOWHERE, no)
-    assert (refused.verdict, words(refused)) == ("refused", "refused: no springs")
+    assert (refused.verdict, describe_order(refused)) == ("refused", "refused: no springs")
     stop = [dataclasses.replace(r, claimed="diverged", status="diverged", message="at 0.1 s") for r in runs[:2]]
     (failed,) = certify(NOWHERE, [*stop, *runs[2:]])
     assert failed.verdict == "not measured" and math.isnan(failed.order)
-    assert words(failed) == "diverged: at 0.1 s; 2 of 4 runs did not finish"
+    assert describe_order(failed) == "diverged: at 0.1 s; 2 of 4 runs did not finish"
     assert certify(NOWHERE, no[:3]) == ()
 
 
@@ -336,11 +336,12 @@ def test_a_ladder_without_a_reference_keeps_its_row_and_its_reason():
     found = certify(NOWHERE, runs)
     assert by_quantity(runs)["energy"].verdict == "certified"
     (row,) = select_motion(found)
-    assert (row.quantity, row.verdict, words(row)) == ("position", "not measured", "no error to measure: no reference")
+    assert (row.quantity, row.verdict) == ("position", "not measured")
+    assert describe_order(row) == "no error to measure: no reference"
     silent = [dataclasses.replace(r, energy_drift_max_J=math.nan) for r in runs]
     (alone,) = certify(NOWHERE, silent)
-    assert words(alone) == "no error to measure: no reference" and not alone.status
+    assert describe_order(alone) == "no error to measure: no reference" and not alone.status
     crashed = dataclasses.replace(silent[0], claimed="crashed", status="crashed", message="at 0 s")
     (mixed,) = select_motion(certify(NOWHERE, [crashed, *silent[1:]]))
     expected = "crashed: at 0 s; 1 of 4 runs did not finish; 3 of 4 runs have no error to measure"
-    assert words(mixed) == expected
+    assert describe_order(mixed) == expected

@@ -16,7 +16,7 @@ from mbsbench.harness.results.judgements.runs import Unjudged
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Law
-from mbsbench.reports.pages.judged.scorecard import words
+from mbsbench.reports.pages.judged.orders import describe_symmetry
 
 from .synthetic import altered, bare
 
@@ -63,8 +63,8 @@ def test_the_weak_form_keeps_its_symmetries_exactly(folder, told):
     """Frame about the vertical, mirror and the way back: as far as its steps are solved; one body has no order."""
     found = card(folder, told(*WAYS))
     for check in ("mirror image", "time reversal", "unit of mass x 1024"):
-        assert found[check].verdict == "holds", words(found[check])
-        assert found[check].exact, words(found[check])
+        assert found[check].verdict == "holds", describe_symmetry(found[check])
+        assert found[check].exact, describe_symmetry(found[check])
     assert found["yaw"].verdict == "holds"
     assert found["renumbering"].verdict == "not applicable"
 
@@ -72,8 +72,8 @@ def test_the_weak_form_keeps_its_symmetries_exactly(folder, told):
 def test_a_one_sided_gauge_does_not_retrace_exactly(folder, told):
     """Break the physics: the zero gauge is second order all the same, but its way back is another one."""
     entry = card(folder, told({"retrace": True}, gauge="zero"))["time reversal"]
-    assert entry.exact is False, words(entry)
-    assert "not exactly" in words(entry) or entry.verdict == "broken"
+    assert entry.exact is False, describe_symmetry(entry)
+    assert "not exactly" in describe_symmetry(entry) or entry.verdict == "broken"
 
 
 def test_the_direction_decides_about_frames_and_units(folder, told):
@@ -82,7 +82,7 @@ def test_the_direction_decides_about_frames_and_units(folder, told):
     plain, sound = card(folder, told(*ways)), card(folder, told(*ways, direction="translation"))
     for check in ("rotation", "unit of length x 1024"):
         assert plain[check].exact is False
-        assert sound[check].exact is True, words(sound[check])
+        assert sound[check].exact is True, describe_symmetry(sound[check])
 
 
 def test_an_error_controlled_solver_is_held_to_its_tolerance(folder, told):
@@ -96,7 +96,7 @@ def test_planar_motion_stays_planar_however_it_is_presented(folder, told):
     """As it stands and yawed, each a row of its own."""
     found = card(folder, told({"yaw": 0.7}, start={"t_end": 0.5}))
     for check in ("planar symmetry", "planar symmetry, yaw"):
-        assert found[check].verdict == "holds", words(found[check])
+        assert found[check].verdict == "holds", describe_symmetry(found[check])
 
 
 def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told):
@@ -119,12 +119,12 @@ def test_refusals_failures_and_missing_ways_back_are_distinguished(folder, told)
     records = told({"duplicate": 1}, {"retrace": True})
     found = card(folder, records)
     assert found["repeated joint"].verdict == "refused"
-    assert "rank 3" in words(found["repeated joint"])
+    assert "rank 3" in describe_symmetry(found["repeated joint"])
     note = json.dumps(["the way back ended with diverged at 0.1 s: no"])
     lost = dataclasses.replace(records[-1], notes=note, return_error_m=float("nan"), return_error_rad=float("nan"))
     failed = dataclasses.replace(records[-1], status="diverged", claimed="diverged", message="no")
     assert card(folder, [*records[:-1], lost])["time reversal"].verdict == "failed"
-    assert "the way back" in words(card(folder, [*records[:-1], lost])["time reversal"])
+    assert "the way back" in describe_symmetry(card(folder, [*records[:-1], lost])["time reversal"])
     assert card(folder, [*records[:-1], failed])["time reversal"].verdict == "failed"
 
 
@@ -162,7 +162,7 @@ def test_what_has_no_end_pose_is_no_success_of_a_check(folder, told, monkeypatch
 
     monkeypatch.setattr(symmetries.store, "series_of", series_of)
     entry = card(folder, records)["mirror image"]
-    assert entry.verdict == "failed", words(entry)
+    assert entry.verdict == "failed", describe_symmetry(entry)
     assert entry.unjudged in (Unjudged.END, Unjudged.BOUND)
 
 
@@ -177,7 +177,7 @@ def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_muc
     assert made(0.5, wide).verdict == "undecided"
     assert made(0.1, narrow).verdict == "holds"
     broken = made(0.4, narrow)
-    assert broken.verdict == "broken" and "2 times the 2.0e-01 m allowed" in words(broken)
+    assert broken.verdict == "broken" and "2 times the 2.0e-01 m allowed" in describe_symmetry(broken)
     exact = Yardstick(1e-6, 5.0, 1.0, 100, 1.0)  # half the step decides nothing, but it is kept exactly
     assert made(1e-6, exact).verdict == "holds"
     assert made(1e-4, exact).verdict == "undecided"

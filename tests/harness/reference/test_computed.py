@@ -1,5 +1,6 @@
 """Computed references against exact motions and laws; and that a route with an error is found out."""
 
+import dataclasses
 import multiprocessing
 from functools import partial
 
@@ -18,6 +19,7 @@ from mbsbench.harness.reference import orbit
 from mbsbench.harness.reference.computed import compute_reference, is_computable, reference_of
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
+from mbsbench.problems.exact.one_body import one_body_motion
 
 from .mechanisms import problem, slider_crank, sprung
 
@@ -98,6 +100,31 @@ def test_a_nearly_massless_axis_changes_nothing_where_a_hinge_holds_it(light: fl
     assert len(found.orbit.y) < 1.2 * len(even.orbit.y)
 
 
+@pytest.mark.parametrize("tilt", [(0.0, 0.0, 0.0), (0.4, -1.1, 0.6)], ids=["principal", "tilted"])
+@pytest.mark.parametrize("light", [1e-5, 1e-7, 1e-9])
+def test_a_nearly_massless_axis_has_the_motion_of_the_formula(light: float, tilt: tuple[float, float, float]) -> None:
+    """A spinning rod on a ball joint, whatever frame its data are in: Lagrange's top, by theta functions."""
+    Q, arm, R, Omega = so3.exp(np.array(tilt)), np.array([0, 0, 0.3]), so3.exp(np.array([0.3, 1.2, 0])), (1.5, 2.0, 0.7)
+
+    def rod(Q: np.ndarray) -> Problem:
+        inertia = Q @ np.diag([0.02, 0.02, 0.02 * light]) @ Q.T
+        joint = Joint(0, -Q @ arm, GROUND, (0.0, 0.0, 0.0))
+        system = assemble([RigidBody(1.0, 0.5 * (inertia + inertia.T))], [joint], (0.0, 0.0, -9.81))
+        v = R @ np.cross(Omega, arm)
+        return problem("rod", system, State((R @ arm)[None], (R @ Q.T)[None], v[None], (Q @ Omega)[None]), 1.0)
+
+    exact = one_body_motion(rod(np.eye(3)).system, rod(np.eye(3)).initial)
+    found = compute_reference(rod(Q))
+    assert exact is not None and found is not None and found.horizon == 1.0 and len(found.orbit.y) < 100
+    t = np.linspace(0.0, 1.0, 51)
+    one, other = found.states(t), exact.states(t)
+    assert np.max(np.abs(one.r - other.r)) < found.error(t)[-1] < 1e-10
+    turned = one.R @ Q  # about the rod a rounding of its arm, 1e-17 m, turns it by 1e-17 N m / (2e-2 kg m2 light)
+    assert np.max(np.abs(turned[..., 2] - other.R[..., 2])) < 1e-11
+    assert np.max(np.abs(turned - other.R)) < 1e-11 + 1e-14 / light
+    assert np.max(np.abs(one.Omega @ Q - other.Omega)) < 1e-10 + 1e-14 / light
+
+
 def test_a_turned_system_has_the_turned_motion() -> None:
     """Two computations, of other numbers throughout."""
     p = sprung(1.0, 0.2)
@@ -132,6 +159,30 @@ def test_an_error_in_one_route_is_found_out(route, name, fault, of, monkeypatch,
     if (found := compute_reference(p)) is not None:
         assert found.horizon < 0.3 * p.t_end
         assert agree(found, p.reference(), np.linspace(0.0, found.horizon, 21))
+
+
+@pytest.mark.parametrize("name", ["pendulum", "top", "grid"])
+def test_collocation_finds_the_exact_motion(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """Stiff routes where nothing is stiff."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    monkeypatch.setattr(module._Motion, "is_stiff", lambda *_: True)
+    p = make_problem(*EXACT[name])
+    exact, found = p.reference(), compute_reference(p)
+    assert exact is not None and found is not None and found.horizon == p.t_end
+    t = np.linspace(0.0, p.t_end, 101)
+    assert np.max(found.error(t)) < 1e-10 and agree(found, exact, t)
+
+
+def test_a_stiff_system_has_a_reference_to_its_end(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """A governor with a transient of 0.1 ms, over 10 s; its first tenth of a second is that of explicit steps."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    p = make_problem("flyball_governor")
+    found = compute_reference(p)
+    assert found is not None and found.horizon == p.t_end and found.error(np.array([p.t_end]))[0] < 1e-9
+    monkeypatch.setattr(module._Motion, "is_stiff", lambda *_: False)
+    explicit = compute_reference(dataclasses.replace(p, t_end=0.1))
+    assert explicit is not None and explicit.horizon == 0.1
+    assert agree(found, explicit, np.linspace(0.0, 0.1, 201))
 
 
 def test_a_perturbed_chain_has_a_reference_out_of_its_plane() -> None:

@@ -13,7 +13,7 @@ from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.shadow import long_motion
 from mbsbench.harness.shadow.long_motion import FIRST, SECOND, Run, load_long_motion, measure_difference, scale
 from mbsbench.harness.shadow.rods import RECIPES, Rod, Rods
-from mbsbench.harness.shadow.series import FORMULATIONS, Flow
+from mbsbench.harness.shadow.series import FORMULATIONS, GUARD, Flow
 
 BITS = 200
 STORED = sorted(p.stem for p in long_motion.STORED.glob("*.json"))
@@ -42,6 +42,18 @@ def test_a_pendulum_is_an_elliptic_function_to_fifty_digits(formulation):
         found = [mpmath.mpf(x) / 2**BITS for x in reached.X[0]]
         expected = (sin_phi / 3, -cos_phi / 3, sin_phi, -cos_phi)
         assert max(abs(x - y) for x, y in zip(found, expected, strict=True)) < mpmath.mpf(10) ** -50
+
+
+@pytest.mark.parametrize("apart", [1, 2, 4, 8])
+def test_steps_see_coefficients_between_those_that_vanish(apart):
+    """1 / (1 - (t/R)^apart): its last coefficients may be zero, its radius R stays, and so does the step."""
+    mechanism = Rods((Rod(Fraction(2), Fraction(1), Fraction(1, 3), Fraction(1, 7)),), Fraction("9.81")).mechanism()
+    flow = Flow(mechanism, "angles", BITS)
+    flow.order = 8 * (flow.order // 8) + 7  # the last seven are zero if apart is 8
+    flow.unit = 1 << BITS
+    series = [(1 << BITS) >> k if k % apart == 0 else 0 for k in range(flow.order + 1)]  # R = 2 s
+    expected = 2.0 * 2.0 ** ((GUARD - BITS) / flow.order)
+    assert flow._step([[series]]) / 2.0**BITS == pytest.approx(expected, rel=0.1)
 
 
 @pytest.mark.parametrize("name", RECIPES)

@@ -32,16 +32,16 @@ def test_leapfrog_keeps_the_modified_energy_of_the_oscillator():
     ("solver", "verdict"),
     [
         ("rattle", Verdict.MET),
-        ("half_explicit", Verdict.FAILED),
-        ("generalized_alpha", Verdict.FAILED),
-        ("gc_weak_form", Verdict.FAILED),
+        ("half_explicit", Verdict.OPEN),
+        ("generalized_alpha", Verdict.OPEN),
+        ("gc_weak_form", Verdict.OPEN),
         ("rk45_strong_form", None),
     ],
 )
 def test_verdict_tells_symplectic_methods(solver, verdict):
     """RATTLE has a modified energy; explicit Runge-Kutta and dissipative methods have none, nor is one found of ODE-GC.
 
-    Varying steps are no such method.
+    A swing does not refute it: steps may be too coarse. Varying steps are no such method.
     """
     problem = registry.make_problem("simple_pendulum", {"t_end": 4.0})
     trajectory = run(problem, solver, **({"rtol": 1e-8} if verdict is None else {"dt": 2e-3}))
@@ -49,7 +49,9 @@ def test_verdict_tells_symplectic_methods(solver, verdict):
         with pytest.raises(ValueError, match="fixed step"):
             find_modified_energy(problem, trajectory)
     else:
-        assert describe_energy(find_modified_energy(problem, trajectory))[0].verdict is verdict
+        swing = describe_energy(find_modified_energy(problem, trajectory))[0]
+        words = "symplectic: yes" if verdict is Verdict.MET else "symplectic: not shown"
+        assert (swing.verdict, swing.measured.words) == (verdict, words)
 
 
 def test_bodies_that_nutate_are_refused():

@@ -9,10 +9,9 @@ import pytest
 from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.types import Law, Reason
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.pages.runs.atlas import group_broken, groups, survival, title, zoom
-from mbsbench.reports.pages.runs.causes import CAUSES, autopsy, usual_step
+from mbsbench.reports.pages.runs.atlas import CAUSES, autopsy, group_broken, groups, survival, title, usual_step, zoom
 from mbsbench.reports.pages.svg import ticks
-from mbsbench.reports.plots.palette import looks
+from mbsbench.reports.plots.spec import looks
 
 from ..conftest import put, record, series
 
@@ -43,16 +42,16 @@ def test_each_cause_is_read_from_the_series_that_shows_it():
         "killed": (stopped("crashed"), made(energy_error=rising)),
         "unmoved": (stopped("diverged"), None),
     }
-    assert set(cases) == {c.key for c in CAUSES}
+    assert set(cases) == set(CAUSES)
     for key, (run, shown) in cases.items():
-        assert autopsy(run, shown).cause.key == key, key
+        assert autopsy(run, shown)[0] == key, key
     assert len(t) == 200
 
 
 def test_values_that_are_no_numbers_are_a_blow_up():
     """An energy error of NaN is over every limit."""
     broken_off = np.append(np.zeros(199), math.nan)
-    assert autopsy(stopped(), made(energy_error=broken_off)).cause.key == "energy"
+    assert autopsy(stopped(), made(energy_error=broken_off))[0] == "energy"
 
 
 def test_usual_step_is_not_that_of_the_many_small_ones_before_a_stop():
@@ -63,8 +62,8 @@ def test_usual_step_is_not_that_of_the_many_small_ones_before_a_stop():
 
 
 def test_evidence_says_numbers_with_units():
-    told = autopsy(stopped(), made())
-    assert any(" J at the end" in e for e in told.evidence) and any(" m at the end" in e for e in told.evidence)
+    _, told = autopsy(stopped(), made())
+    assert any(" J at the end" in e for e in told) and any(" m at the end" in e for e in told)
 
 
 def test_survival_counts_every_run_once():
@@ -106,8 +105,10 @@ def test_stops_of_one_solver_on_one_problem_stand_together(tmp_path):
     put(tmp_path, record("c1", status="crashed", t_reached_s=1.0), series(40, 1.0))
     put(tmp_path, record("o1", "beta", status="stalled", t_reached_s=1.0), series(40, 1.0))
     results = read_results(tmp_path)
-    found = {g.cause.key: g for g in groups(results, looks(results.solvers))}
-    assert {k: g.count for k, g in found.items()} == {"killed": 1, "limit": 4}
-    heads = [(f.head.run.record.solver, len(f.stops), f.head.run.record.run_id) for f in found["limit"].families]
+    found = groups(results, looks(results.solvers))
+    assert {k: g["total"] for k, g in found.items()} == {"killed": 1, "limit": 4}
+    heads = [
+        (f["runs"][0].record.solver, len(f["runs"]), f["runs"][0].record.run_id) for f in found["limit"]["families"]
+    ]
     assert heads == [("alpha", 3, "s1"), ("beta", 1, "o1")]
-    assert found["limit"].of("alpha") == 3
+    assert found["limit"]["counts"]["alpha"] == 3

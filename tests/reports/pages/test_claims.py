@@ -15,12 +15,11 @@ from mbsbench.reports.model.claim_words import (
     format_measured,
 )
 from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
-from mbsbench.reports.pages.judgement import links_of
 from mbsbench.reports.pages.svg import describe_bar, number_line, scale_for
 
 from . import synthetic
 
-NONE = links_of([])
+NONE = {}
 
 
 def rows():
@@ -128,19 +127,19 @@ def test_map_has_a_place_for_every_setting_and_facets_only_for_what_varies():
     at = rows()[3].map
     found = grids(at, NONE)
     assert len(found) == 4  # two charts, two starts
-    assert all(g.tolerances == ("0.001", "1e-05", "1e-07") and g.gains == ("0", "5", "20", "1/h") for g in found)
-    assert sum(len(boxes) for g in found for row in g.rows for boxes in row) == len(at)
-    assert {g.title for g in found} >= {
+    assert all(g["tolerances"] == ("0.001", "1e-05", "1e-07") and g["gains"] == ("0", "5", "20", "1/h") for g in found)
+    assert sum(len(boxes) for g in found for row in g["rows"] for boxes in row) == len(at)
+    assert {g["title"] for g in found} >= {
         "chart euler313, a consistent start",
         "chart quaternion, a start from lambda = 0",
     }
-    symbols = [b.mark.symbol for g in found for row in g.rows for boxes in row for b in boxes]
+    symbols = [b["mark"].symbol for g in found for row in g["rows"] for boxes in row for b in boxes]
     assert symbols.count("✓") == sum(m.holds is True for m in at)
 
 
 def test_runs_that_share_a_place_are_all_there():
     found = grids([synthetic.ROW, replace(synthetic.ROW, holds=False)], NONE)
-    assert [b.mark.symbol for b in found[0].rows[0][0]] == ["✓", "✗"]
+    assert [b["mark"].symbol for b in found[0]["rows"][0][0]] == ["✓", "✗"]
 
 
 def test_changed_verdicts_against_the_published_are_found_and_put_first():
@@ -149,13 +148,13 @@ def test_changed_verdicts_against_the_published_are_found_and_put_first():
     then = [replace(c, beyond=good) for c in now if c.id not in ("fourth-claim", "conditional-claim")]
     then.append(replace(synthetic.CLAIM, id="gone", beyond=Finding(Verdict.REFUTED)))
     found = differences(now, then, claims_of(now, NONE))
-    assert [d.id for d in found] == ["second-claim", "third-claim", "gone", "conditional-claim", "fourth-claim"]
-    assert found[0].before.word == "supported" and found[0].after.word == "refuted"
+    assert [d["id"] for d in found] == ["second-claim", "third-claim", "gone", "conditional-claim", "fourth-claim"]
+    assert found[0]["before"].word == "supported" and found[0]["after"].word == "refuted"
     assert differences(now, now, claims_of(now, NONE)) == []
 
 
 def test_a_place_that_many_runs_share_is_one_box_with_their_count():
     many = [replace(synthetic.ROW, holds=k < 3, case=f"case {k}") for k in range(8)]
-    (box,) = grids(many, NONE)[0].rows[0][0]
-    assert (box.mark.symbol, box.mark.kind) == ("3/8", "failed")
-    assert box.words.startswith("3 of 8 runs hold, 0 do not and stopped; first case 0")
+    (box,) = grids(many, NONE)[0]["rows"][0][0]
+    assert (box["mark"].symbol, box["mark"].kind) == ("3/8", "failed")
+    assert box["words"].startswith("3 of 8 runs hold, 0 do not and stopped; first case 0")

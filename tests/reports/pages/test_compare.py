@@ -10,8 +10,18 @@ from msgspec.structs import replace
 from mbsbench.harness.places import Place
 from mbsbench.harness.results.judgements.claims import Finding, Verdict
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.change.compare import changes, write_compare
-from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, find_unmeasured, physics, timings, work
+from mbsbench.reports.pages.change.compare import (
+    Rank,
+    apart,
+    changes,
+    claims,
+    endings,
+    find_unmeasured,
+    physics,
+    timings,
+    work,
+    write_compare,
+)
 
 from ..conftest import HOSTILE, because, every_kind, put, record, series
 from ..outline import Outline, opened
@@ -124,6 +134,6 @@ def test_page_of_two_runs(two_runs, tmp_path):
 
 def test_a_run_compared_with_itself_has_no_change(two_runs, tmp_path):
     a, _ = two_runs
-    assert changes(read_results(a), read_results(a)) == ()
+    assert changes(read_results(a), read_results(a)) == {}
     text = Outline(write_compare(a, a, Place(tmp_path)).read_text(encoding="utf-8")).plain
     assert "No input differs, and no result does." in text and "Nothing changed" in text

@@ -51,8 +51,8 @@ def test_a_worse_ending_comes_first_then_the_digits_lost_then_what_got_better(th
 
 def test_runs_are_listed_in_their_order_with_their_endings(three_runs, tmp_path):
     found = moments(gather(three_runs, tmp_path / "none")[0])
-    assert [m.results for m in found] == ["run-1", "run-2", "run-3"]
-    assert [(m.word, n) for m, n in found[2].counts] == [("success", 4), ("wrong", 1)]
+    assert [m["results"] for m in found] == ["run-1", "run-2", "run-3"]
+    assert [(m.word, n) for m, n in found[2]["counts"]] == [("success", 4), ("wrong", 1)]
 
 
 def test_page_of_three_commits(three_runs):

@@ -9,59 +9,49 @@ from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import group_by, read_results
-from mbsbench.reports.pages.judged.cost import plots_of, work_at
-from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, certificates
-from mbsbench.reports.pages.judged.scorecard import boxes_of
-from mbsbench.reports.pages.judged.work_points import fields, profiles
-from mbsbench.reports.pages.judgement import links_of
+from mbsbench.reports.pages.judged.cost import fields, plots_of, profiles, work_at
+from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, fit_of, list_points, tally, verdict_mark
 from mbsbench.reports.plots.work import profile_plot, steps_of
 
 from ..conftest import every_kind, put, record, series
 from . import synthetic
-
-NONE = links_of([])
 
 
 def test_points_left_out_of_a_fit_say_why():
     """Coarser than all used ones: pre-asymptotic; else on the floor."""
     order = replace(synthetic.ORDER, dt=(0.4, 0.2, 0.1, 0.05, 0.025), error=(9.0, 0.04, 0.01, 1.1e-12, 1e-12),
                     floor=1e-12, used=(False, True, True, False, False), fit="power")  # fmt: skip
-    (found,) = certificates([order], NONE)
-    assert [p.kind for p in found.points] == [EARLY, USED, USED, FLOORED, FLOORED]
+    assert [kind for _, _, kind in list_points(order)] == [EARLY, USED, USED, FLOORED, FLOORED]
 
 
 def test_drawn_fit_has_the_order_and_goes_through_the_points():
     """error = dt^2 exactly: the drawn line is that law."""
-    found = next(c for c in certificates(synthetic.orders(["aa01"]), NONE) if c.of.quantity == "q")
-    (x0, y0), (x1, y1) = found.fit
-    assert math.log(y1 / y0) / math.log(x1 / x0) == pytest.approx(found.of.order)
-    assert y0 == pytest.approx(x0**2) and y1 == pytest.approx(x1**2)
-    assert found.interval == "1.98 to 2.02"
+    order = next(o for o in synthetic.orders(["aa01"]) if o.quantity == "q")
+    x, y = fit_of(order)
+    assert math.log(y[1] / y[0]) / math.log(x[1] / x[0]) == pytest.approx(order.order)
+    assert y == pytest.approx(x**2)
 
 
 def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure():
     """Neither certified nor failed: counted apart."""
-    words = ("certified", "above declared", "above declared", "below declared", "undecided")
-    found = certificates([replace(synthetic.ORDER, verdict=w) for w in words], NONE)
-    above = found[1].mark
+    above = verdict_mark("above declared")
     assert (above.word, above.kind) == ("above declared", "refused")
-    assert above.symbol not in {c.mark.symbol for c in found if c.mark.word != "above declared"}
+    assert above.symbol not in {verdict_mark(word).symbol for word in ("certified", "below declared", "undecided")}
 
 
 def test_a_check_that_decides_nothing_is_no_success():
     """Its box says so, and it is not counted among those that hold."""
-    (box,) = boxes_of([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")]).values()
-    assert (box.mark.word, box.mark.kind, box.tally) == ("not decided", "refused", "1 of 2")
+    mark, count = tally([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")])
+    assert (mark.word, mark.kind, count) == ("not decided", "refused", "1 of 2")
 
 
 def test_box_of_the_scorecard_shows_its_worst_outcome():
-    found = group_by(synthetic.symmetries(["aa01"]), lambda s: s.solver)
-    boxes = {solver: boxes_of(own) for solver, own in found.items()}
-    assert boxes["alpha"]["time reversal"].mark.word == "broken" and boxes["alpha"]["time reversal"].tally == "1 of 2"
-    assert boxes["alpha"]["yaw"].mark.word == "holds"
-    assert boxes["gamma"]["yaw"].tally == ""  # what does not apply is not counted
-    assert "time reversal" not in boxes["gamma"]
-    assert boxes[synthetic.HOSTILE][synthetic.HOSTILE].mark.kind == "refused"  # decides nothing
+    found = group_by(synthetic.symmetries(["aa01"]), lambda s: (s.solver, s.title))
+    boxes = {key: tally(own) for key, own in found.items()}
+    assert boxes["alpha", "time reversal"][0].word == "broken" and boxes["alpha", "time reversal"][1] == "1 of 2"
+    assert boxes["alpha", "yaw"][0].word == "holds"
+    assert boxes["gamma", "yaw"][1] == ""  # what does not apply is not counted
+    assert boxes[synthetic.HOSTILE, synthetic.HOSTILE][0].kind == "refused"  # decides nothing
 
 
 def test_profile_rises_by_one_target_at_its_work():
@@ -79,28 +69,23 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
     """Without work.json every run with an error is a point all the same; wrong and stopped ones are marked."""
     every_kind(tmp_path)
     results = read_results(tmp_path)
-    found = next(f for f in fields(results, [], links_of(results.runs)) if f.variant == "pendulum")
+    found = next(f for f in fields(results, ()) if f["variant"] == "pendulum")
     traces = plots_of(found)["error-evaluations"].traces
     ends = {t.solver: list(t.ends) for t in traces if t.solver}
     assert ends["beta"] == ["wrong"] and ends["delta"] == ["failed"]
     assert all(t.solver for t in traces)  # no run comes near the reference's stated error: it is not drawn
-    near = dataclasses.replace(found, points=tuple(dataclasses.replace(p, own=1e-4) for p in found.points))
+    near = found | {"measure": dataclasses.replace(found["measure"], own=1e-4)}
     region = plots_of(near)["error-evaluations"].traces[0]
     assert not region.solver and region.high[0] == pytest.approx(1e-4) and region.low[0] < 1e-4
 
 
 def test_zeros_stay_zeros(tmp_path):
-    results = read_run_of(tmp_path)
-    found = next(f for f in fields(results, synthetic.work(["aa01"]).points, NONE) if f.variant == "pendulum")
+    put(tmp_path, record("aa01", phi_max=0.0), series())
+    (found,) = fields(read_results(tmp_path), ())
     plots = plots_of(found)
     zeros = next(t for t in plots["phi-evaluations"].traces if t.solver)
     assert np.all(zeros.y == 0.0)  # what is drawn for them is the axis' matter
     assert "error-factorisations" not in plots  # nobody counted them
-
-
-def read_run_of(folder):
-    (folder / "runs").mkdir()
-    return read_results(folder)
 
 
 def test_the_first_picture_of_work_has_all_solvers_and_others_say_who_is_absent(tmp_path):
@@ -110,6 +95,6 @@ def test_the_first_picture_of_work_has_all_solvers_and_others_say_who_is_absent(
     put(tmp_path, record("aa02", "beta", "refused", problem="a_few", message="rank", **unknown))
     for solver in ("alpha", "beta", "gamma"):
         put(tmp_path, record(f"b{solver}", solver, problem="whole"), series())
-    first, second = fields(read_results(tmp_path), (), links_of(()))
-    assert (first.variant, first.absent) == ("whole", ())
-    assert (second.variant, second.absent) == ("a_few", ("beta (refused)", "gamma (not run)"))
+    first, second = fields(read_results(tmp_path), ())
+    assert (first["variant"], first["absent"]) == ("whole", [])
+    assert (second["variant"], second["absent"]) == ("a_few", ["beta (refused)", "gamma (not run)"])

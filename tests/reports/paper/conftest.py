@@ -15,9 +15,8 @@ from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.suites.suite import load_suite
-from mbsbench.reports.paper.catalogue import FIGURES
-from mbsbench.reports.paper.picking import select_runs
-from mbsbench.reports.paper.spec import PRINTED
+from mbsbench.reports.paper.catalogue import FIGURES, PRINTED
+from mbsbench.reports.paper.lines import select_runs
 
 from ..conftest import put
 

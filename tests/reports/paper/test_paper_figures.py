@@ -14,10 +14,10 @@ from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED, read_cl
 from mbsbench.reports import site
 from mbsbench.reports.model.claim_words import band
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.paper import build, captions, drawer, lines, picking
+from mbsbench.reports.paper import build, captions, lines
 from mbsbench.reports.paper.catalogue import FIGURES
-from mbsbench.reports.plots import palette
-from mbsbench.reports.plots.style import SUFFIXES, style
+from mbsbench.reports.plots import spec
+from mbsbench.reports.plots.printed import SUFFIXES, style
 
 from .conftest import asked, fill, record_for, suite
 
@@ -26,9 +26,10 @@ BY_NAME = {s.name: s for s in FIGURES}
 
 def drawn(folder, name):
     """A figure and its lines, not written."""
-    own = build.found_lines(read_results(folder, check_series=False), BY_NAME[name], suite())
+    results = read_results(folder, check_series=False)
+    own = lines.choose(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
     with style():
-        return drawer.draw(BY_NAME[name], own, palette.looks({k.chosen.asked.solver for k in own})), own
+        return build.draw(BY_NAME[name], own, spec.looks({k.asked.solver for k in own})), own
 
 
 def one(folder, name, suffixes=("png",)):
@@ -44,12 +45,12 @@ def test_every_pick_finds_runs_in_the_suite():
     """Else a figure would miss a line without a word."""
     for figure in FIGURES:
         for pick in figure.picks:
-            assert [s for s in pick.solvers if s not in {a.solver for a in picking.select_runs(pick, suite())}] == []
+            assert [s for s in pick.solvers if s not in {a.solver for a in lines.select_runs(pick, suite())}] == []
 
 
 def test_of_recommended_runs_the_printed_step_and_the_smallest_tolerance_are_drawn():
     """The suite has the steps 0.01 and 0.005 s and the tolerances 1e-6 and 1e-8."""
-    recommended = picking.select_runs(BY_NAME["fig06-recommended"].picks[0], suite())
+    recommended = lines.select_runs(BY_NAME["fig06-recommended"].picks[0], suite())
     assert [s.control.dt or s.control.rtol for s in recommended] == [0.01, 1e-8, 1e-8, 1e-8, 1e-8]
 
 
@@ -66,14 +67,15 @@ def test_every_figure_is_made(whole, label):
     build.command(folder, [f.name for f in figures], suite(), suffixes=("png",))
     told = json.loads((folder / "paper" / "captions.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     by_name = {f["name"]: f for f in told["figures"]}
-    for spec in figures:
-        said = by_name[spec.name]
-        assert said["title"] and said["files"] == [f"{spec.name}.png"]
-        assert (folder / "paper" / f"{spec.name}.png").stat().st_size > 5000
-        assert said["runs"] and all(c["found"] for c in said["runs"])
+    for figure in figures:
+        said = by_name[figure.name]
+        assert said["title"] and said["files"] == [f"{figure.name}.png"]
+        assert (folder / "paper" / f"{figure.name}.png").stat().st_size > 5000
+        assert said["runs"] and all(c["run_id"] for c in said["runs"])
         for c in said["runs"]:
             own = records[c["run_id"]]
-            assert c["energy_drift_max_J"] == own.energy_drift_max_J and c["t_reached_s"] == own.t_reached_s
+            assert c["numbers"]["energy_drift_max_J"] == own.energy_drift_max_J
+            assert c["numbers"]["t_reached_s"] == own.t_reached_s
 
 
 def test_files_for_print_hold_their_fonts_and_do_not_change(whole, tmp_path):
@@ -116,7 +118,7 @@ def test_a_run_that_stopped_is_starred_where_it_stopped(tmp_path):
 
 def test_runs_of_a_solver_are_named_by_what_differs(whole):
     """Both choices of c_R; the printed and the recommended settings of the grid."""
-    names = {k.chosen.name for name in ("fig05", "fig12") for k in drawn(whole[0], name)[1]}
+    names = {f"{k.role}, {k.settings}" for name in ("fig05", "fig12") for k in drawn(whole[0], name)[1]}
     printed = "ODE-GC (as printed), dt = 0.01 s, c_R = "
     assert {f"{printed}a/(a·a)", f"{printed}(e_R, 0)", "ODE-GC (AL, symmetric), dt = 0.01 s, recommended"} < names
     assert any(n.startswith("ODE-GC (AL, ") and n.endswith(", as printed") for n in names)
@@ -127,18 +129,18 @@ def test_the_loose_tolerance_is_left_out_where_the_paper_does(whole):
     """Fig. 9b and c show the smaller tolerance alone."""
     _, own = drawn(whole[0], "fig09")
     panel = next(p for p in BY_NAME["fig09"].panels() if p.tightest)
-    assert {k.chosen.asked.control.rtol for k in own} == {None, 1e-3, 1e-6}
-    assert lines.select_lines(panel, own) == [k for k in own if k.chosen.asked.control.rtol != 1e-3]
+    assert {k.asked.control.rtol for k in own} == {None, 1e-3, 1e-6}
+    assert lines.select_lines(panel, own) == [k for k in own if k.asked.control.rtol != 1e-3]
 
 
 def test_a_solver_has_its_colour_and_its_settings_dashes(whole):
     """Colours of the palette; the finest tolerance is solid, as in the report."""
     figure, own = drawn(whole[0], "fig02")
-    fi = sorted((k.chosen.asked.control.rtol, k.dash) for k in own if k.chosen.asked.solver == "ida_index1")
+    fi = sorted((k.asked.control.rtol, k.dash) for k in own if k.asked.solver == "ida_index1")
     assert [dash for _, dash in fi] == [0, 1, 2]
     (legend,) = figure.legends
     colours = {h.get_color() for h in legend.legend_handles}
-    assert colours == {look.colour for look in palette.looks(["ida_index1", "gc_weak_form"]).values()}
+    assert colours == {look.colour for look in spec.looks(["ida_index1", "gc_weak_form"]).values()}
 
 
 def test_a_damaged_series_is_named(tmp_path):
@@ -162,9 +164,9 @@ def test_a_run_made_again_takes_the_place_of_the_old_one():
     figure = BY_NAME["fig08"]
     old = record_for(asked("fig08")[0])
     new = dataclasses.replace(old, run_id="f" * 16, finished="2026-02-02")
-    assert picking.choose(figure.picks, suite(), [Run(new), Run(old)])[0].run.record is new
+    assert lines.choose(figure.picks, suite(), [Run(new), Run(old)])[0].run.record is new
     other = dataclasses.replace(old, settings_id="another")
-    assert picking.choose(figure.picks, suite(), [Run(other)])[0].run is None
+    assert lines.choose(figure.picks, suite(), [Run(other)])[0].run is None
 
 
 def test_claims_of_a_figure_are_in_its_caption(tmp_path):

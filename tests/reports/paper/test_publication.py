@@ -17,7 +17,7 @@ from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.plots.style import DOUBLE, SINGLE, save, style
+from mbsbench.reports.plots.printed import DOUBLE, SINGLE, save, style
 
 from ..conftest import every_kind, put, record, series
 
@@ -90,15 +90,15 @@ def test_latex_fits_one_column_of_a_journal(results):
 def test_widths_are_those_of_a_journal(results):
     assert 84.0 <= SINGLE * 25.4 <= 90.0 and 174.0 <= DOUBLE * 25.4 <= 180.0
     variant = next(p for p in results.variants if p.title == "pendulum")
-    made = {f.name: f for f in publication.figures_of(results, variant)}
+    made = {name: (width, draw) for name, _, width, draw in publication.figures_of(results, variant)}
     assert {"pendulum-recommended-energy", "pendulum-recommended-constraints", "pendulum-recommended-step",
             "pendulum-work",
             "pendulum-recommended-laws"} <= set(made)  # fmt: skip
     folder = Place(results.folder) / "widths"
     for name in ("pendulum-recommended-constraints", "pendulum-work"):
-        (pdf,) = save(made[name].draw, folder, name, ("pdf",))
+        (pdf,) = save(made[name][1], folder, name, ("pdf",))
         box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf.read_bytes())
-        assert float(box[1]) == pytest.approx(made[name].width * 72.0, abs=0.1)
+        assert float(box[1]) == pytest.approx(made[name][0] * 72.0, abs=0.1)
         assert b"/FontFile2" in pdf.read_bytes()
 
 
@@ -141,9 +141,9 @@ def test_a_legend_is_smaller_than_its_plot(tmp_path):
     for k in range(12):
         put(tmp_path, record(f"{k:04x}", f"solver{k % 4}", dt_s=1e-3 * (k + 1), paper_label="a long label"), series(40))
     found = read_results(tmp_path)
-    made = {f.name: f for f in publication.figures_of(found, found.variants[0])}
+    made = {name: draw for name, _, _, draw in publication.figures_of(found, found.variants[0])}
     with style():
-        drawn = made["pendulum-recommended-energy"].draw()
+        drawn = made["pendulum-recommended-energy"]()
         FigureCanvasAgg(drawn).draw()
         (legend,), (ax,) = drawn.legends, drawn.axes
         assert legend.get_window_extent().height < ax.get_window_extent().height

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbsbench.reports.mechanism.theatre.cast import AT_MOST, cast
+from mbsbench.reports.mechanism.theatre.scene import AT_MOST, cast
 from mbsbench.reports.model.results import Run, Variant
 
 from ..conftest import record

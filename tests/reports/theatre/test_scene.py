@@ -5,8 +5,7 @@ import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses
 from mbsbench.reports.mechanism.theatre.scene import players, scene
-from mbsbench.reports.mechanism.theatre.shapes import shapes_of
-from mbsbench.reports.mechanism.theatre.strips import STRIPS, marks_of, strip, strips_of
+from mbsbench.reports.mechanism.theatre.shapes import STRIPS, marks_of, shapes_of, strip, strips_of
 from mbsbench.reports.model.results import Run
 from mbsbench.reports.pages.runs.theatre import fair
 
@@ -34,7 +33,7 @@ def test_the_step_cut_to_end_at_t_end_is_no_small_step():
     series.arrays["dt"][-1] = 1e-9
     whole = strips_of(series, Run(record("x")), 2.0)
     stopped = strips_of(series, Run(record("x", "a", "diverged")), 2.0)
-    row = sum(2 if s.both else 1 for s in STRIPS[:-1])
+    row = sum(2 if s["both"] else 1 for s in STRIPS[:-1])
     assert np.nanmin(whole[row]) > 1e-3 and np.nanmin(stopped[row]) == 1e-9
 
 
@@ -42,10 +41,10 @@ def test_moments_are_the_stop_the_events_and_the_whip():
     events = [{"kind": "singular passage", "t": 0.5, "value": 0.125}, {"kind": "x"}, {"kind": "y", "t": float("nan")}]
     series = two_bars(events=events)
     found = marks_of(series, Run(record("x", "a", "diverged", message="lost")), 3)
-    assert [(m.kind, m.t) for m in found] == [("event", 0.5), ("whip", series["t"][100]), ("stop", 2.0)]
-    assert found[0].words == "singular passage, value 0.125" and "lost" in found[2].words
-    assert {m.player for m in found} == {3}
-    assert "-0.02 J" in found[1].words  # with its sign
+    assert [(m["kind"], m["t"]) for m in found] == [("event", 0.5), ("whip", series["t"][100]), ("stop", 2.0)]
+    assert found[0]["words"] == "singular passage, value 0.125" and "lost" in found[2]["words"]
+    assert {m["player"] for m in found} == {3}
+    assert "-0.02 J" in found[1]["words"]  # with its sign
 
 
 def kinds(series) -> list[str]:

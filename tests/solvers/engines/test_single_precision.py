@@ -94,6 +94,26 @@ def test_forces_in_single_precision_are_ours_to_counted_roundings(name, options,
     assert make_solver(name, options).refuses(problem, CONTROL) is None
 
 
+MOTIONS = [  # name and options, problem, distance [m] that rounding or the order of its steps leaves at 1e-3 s
+    *(("mujoco_warp", {}, which, 1e-5) for which in ("jointed", "jointed_otherwise", "sprung", "loaded", "sliding")),
+    *(("newton", {"solver": "MuJoCo"}, which, 1e-4) for which in ("jointed", "jointed_otherwise")),
+    *(("newton", {"solver": "Featherstone"}, which, 5e-3) for which in ("jointed", "jointed_otherwise")),
+    ("pybullet", {}, "jointed", 5e-3),
+]
+
+
+@pytest.mark.parametrize(("name", "options", "which", "close"), [
+    pytest.param(*row, marks=needs(row[0]), id=f"{row[0]} {row[1].get('solver', '')} {row[2]}") for row in MOTIONS
+])  # fmt: skip
+def test_slides_welds_springs_and_loads_move_as_by_another_method(name, options, which, close):
+    """A row that is right at the start may say something else once the bodies have turned."""
+    problem = replace(PROBLEMS[which](), t_end=0.1)
+    exact = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states[-1]
+    t = make_solver(name, options).solve(problem, CONTROL)
+    assert t.status is Status.SUCCESS, t.message
+    assert np.max(np.abs(t.states[-1].r - exact.r)) < close and np.max(np.abs(exact.r - problem.initial.r)) > 20 * close
+
+
 @pytest.mark.parametrize(("name", "options"), BY_FORCES)
 @pytest.mark.parametrize("what", ["gravity", "mass", "point of a cut joint", "point of a joint"])
 def test_a_fault_of_a_thousandth_is_seen(name, options, what, monkeypatch):

@@ -1,0 +1,151 @@
+"""Radau IIA collocation for stiff motions: implicit, L-stable, of order 2 s - 1 at the ends of s stages.
+
+Z = h A f(y + Z) by simplified Newton steps in the eigenvectors of A^-1 (Hairer, Wanner, Solving ODEs II, IV.8).
+Jacobians are differences: they decide how fast the steps converge, not where to. A step is as long as the highest
+Legendre coefficient of its polynomial allows, so that what lies between its ends is as exact as they are. An
+integrator that none of the solvers uses.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from numpy.polynomial.legendre import legvander
+from scipy.special import roots_jacobi
+
+from .extrapolation import Rate
+
+SWEEPS = 12  # Newton steps
+SLOW = 0.05  # of the correction before: where corrections shrink by less, the next step has a new Jacobian
+ROUNDING = 1e-11  # of the units: below, corrections that do not shrink any more are rounding
+DIFFERENCE = 1e-7  # of the units
+
+
+class Step(NamedTuple):
+    """From ``t`` [s] on, ``h`` long; y(t + x h) = y + the sum of nested(x, s)_k F_k."""
+
+    t: float
+    h: float
+    y: Float[np.ndarray, " ny"]
+    F: Float[np.ndarray, "s ny"]
+
+    def states(self, x: Float[np.ndarray, " nx"]) -> Float[np.ndarray, "nx ny"]:
+        """At shares of the step."""
+        out: np.ndarray = self.y + nested(x, len(self.F)) @ self.F
+        return out
+
+    @property
+    def end(self) -> Float[np.ndarray, " ny"]:
+        """The state at its end."""
+        out: np.ndarray = self.y + self.F[0]
+        return out
+
+
+class Method(NamedTuple):
+    """Constants of s stages, and the eigenvectors of A^-1, one of each conjugate pair."""
+
+    nodes: Float[np.ndarray, " s"]
+    inverse: Float[np.ndarray, "s s"]  # A^-1
+    values: Complex[np.ndarray, " m"]
+    to: Complex[np.ndarray, "m s"]
+    back: Complex[np.ndarray, "s m"]
+    polynomial: Float[np.ndarray, "s s"]  # Z to F
+
+
+def nested(x: Float[np.ndarray, " nx"], s: int) -> Float[np.ndarray, "nx s"]:
+    """x, x (1 - x), x^2 (1 - x), ...: what DOP853's interpolant is made of."""
+    return np.cumprod(np.stack([x if k % 2 == 0 else 1.0 - x for k in range(s)], axis=1), axis=1)
+
+
+@cache
+def radau(s: int) -> Method:
+    """Radau IIA; the inner nodes are the zeros of a Jacobi polynomial, A integrates Legendre polynomials."""
+    x = np.append(roots_jacobi(s - 1, 1.0, 0.0)[0], 1.0)
+    P = legvander(x, s)
+    before = np.concatenate((-np.ones((s, 1)), P[:, :-2]), axis=1)  # P_-1 such that the first integral is x + 1
+    integrals = (P[:, 1:] - before) / (2.0 * np.arange(s) + 1.0)
+    inverse, nodes = 2.0 * P[:, :-1] @ np.linalg.inv(integrals), 0.5 * (x + 1.0)
+    values, T = np.linalg.eig(inverse)
+    one = values.imag >= 0.0
+    back = T[:, one] * np.where(values[one].imag > 0.0, 2.0, 1.0)
+    return Method(nodes, inverse, values[one], np.linalg.inv(T)[one], back, np.linalg.inv(nested(nodes, s)))
+
+
+def jacobian(f: Rate, y: Float[np.ndarray, " ny"], units: Float[np.ndarray, " ny"]) -> Float[np.ndarray, "ny ny"]:
+    """df/dy by differences; zero in what has no unit, time, whose stages are known."""
+    known = np.isfinite(units)
+    change = DIFFERENCE * units[known]
+    rates = f(y + np.concatenate((np.zeros((1, len(y))), np.diag(np.where(known, DIFFERENCE * units, 0.0))[known])))
+    J = np.zeros((len(y), len(y)))
+    J[:, known] = (rates[1:] - rates[0]).T / change
+    return J
+
+
+@dataclass
+class Collocation:
+    """Steps of the autonomous y_dot = f(y); a motion that goes on, but for roundings, goes on with its last step."""
+
+    f: Rate
+    begin: Callable[[], None] = lambda: None  # before each step
+    s: int = 7
+    next_h: float = np.inf  # [s]
+    past: Step | None = None
+    J: np.ndarray | None = None
+
+    def steps(
+        self, y: Float[np.ndarray, " ny"], span: float, tolerance: float, units: Float[np.ndarray, " ny"]
+    ) -> Iterator[Step]:
+        """Accepted ones from ``y`` over ``span`` [s]; ArithmeticError if none is found.
+
+        ``tolerance`` [1] in ``units`` bounds the highest Legendre coefficient.
+        """
+        method, t, solved, inverse = radau(self.s), 0.0, 0.0, np.zeros(0)
+        while t < span:
+            self.begin()
+            left = max(1, int(np.ceil((span - t) / self.next_h - 1e-3)))
+            h = (span - t) / left
+            past, guess = self.past, np.zeros((self.s, len(y)))
+            if past is not None:
+                guess = past.states(1.0 + method.nodes * h / past.h) - past.end
+            fresh = self.J is None
+            if self.J is None:
+                self.J = jacobian(self.f, y + guess[self.s // 2], units)
+            if fresh or abs(h - solved) > 1e-6 * h:
+                inverse, solved = np.linalg.inv(method.values[:, None, None] / h * np.eye(len(y)) - self.J), h
+            scale = np.where(np.isfinite(units), units, h)
+            Z, shrink = self._stages(y, h, inverse, guess, tolerance, scale)
+            F = method.polynomial @ Z
+            size = float(np.max(np.abs(F[-1]) / scale)) / comb(2 * self.s, self.s) / tolerance
+            factor = min(2.0, 0.9 * max(size, 1e-300) ** (-1.0 / self.s))
+            if shrink < 1.0 and size <= 1.0:
+                self.past = Step(t, h, y, F)
+                yield self.past
+                t, y = (t + h if left > 1 else span), self.past.end
+                self.next_h = self.next_h if 0.9 < factor < 1.3 else h * factor
+                self.J = None if shrink > SLOW else self.J
+            elif shrink < 1.0:
+                self.next_h = h * max(0.2, factor)
+            else:
+                self.next_h, self.J = (0.5 * h, self.J) if fresh else (self.next_h, None)
+            if self.next_h < 1e-9 * span:
+                raise ArithmeticError(f"no step meets the tolerance (coefficient {size:.3g} times as large)")
+
+    def _stages(
+        self, y: np.ndarray, h: float, inverse: np.ndarray, Z: np.ndarray, tolerance: float, units: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Z, and the largest ratio of a correction to the one before; infinity where they do not converge."""
+        method, slowest, before = radau(self.s), 0.0, np.inf
+        for _ in range(SWEEPS):
+            gap = self.f(y + Z) - method.inverse @ Z / h
+            change = (method.back @ np.matmul(inverse, (method.to @ gap)[..., None])[..., 0]).real
+            Z, size = Z + change, float(np.max(np.abs(change) / units))
+            if size <= 0.01 * tolerance or (size < ROUNDING and size > 0.5 * before):
+                return Z, slowest
+            slowest, before = max(slowest, size / before), size
+            if not slowest < 1.0:
+                break
+        return Z, np.inf

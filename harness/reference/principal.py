@@ -1,0 +1,54 @@
+"""Bodies with a nearly massless axis in their principal axes, where rounding of large inertias does not reach it.
+
+In other frames the small inertia is a difference of large ones: 1e-9 of them keeps seven digits, and others at each
+evaluation. Both routes take the same turned system, whose data are those of the system but for one rounding.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.system import GROUND, MultibodySystem
+
+LIGHT = 1e-5  # of the largest principal inertia
+SAME = 1e-15  # of the largest principal inertia: differences by rounding
+
+
+def is_light(system: MultibodySystem) -> np.ndarray:
+    """Which bodies have a nearly massless axis (nb,)."""
+    sizes = np.linalg.eigvalsh(system.regular_inertia)
+    out: np.ndarray = sizes[:, 0] < LIGHT * sizes[:, 2]
+    return out
+
+
+def in_principal_axes(system: MultibodySystem) -> tuple[MultibodySystem, Float[np.ndarray, "nb 3 3"]]:
+    """The system with these bodies' frames turned, and the new axes in the old frames (columns; 1 for the others)."""
+    light = is_light(system)
+    if not np.any(light):
+        return system, np.tile(np.eye(3), (system.nb, 1, 1))
+    sizes, axes = np.linalg.eigh(system.regular_inertia)
+    axes[:, :, 2] *= np.linalg.det(axes)[:, None]  # right-handed
+    even = sizes[:, 2] - sizes[:, 1] < SAME * sizes[:, 2]
+    sizes[even, 1:] = sizes[even, 2:]
+    inertia = np.where(light[:, None, None], sizes[:, :, None] * np.eye(3), system.regular_inertia)
+    axes = np.where(light[:, None, None], axes, np.eye(3))
+    with_ground = np.concatenate((axes, np.eye(3)[None]))
+
+    def turn(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Vectors (n, ..., 3) of bodies; GROUND is -1."""
+        return np.einsum("n...a,nab->n...b", a, with_ground[ends])
+
+    own = np.where(system.load_follows, system.load_i, GROUND)
+    s = system
+    turned = dataclasses.replace(
+        s,
+        inertia=inertia,
+        joint_s_i=turn(s.joint_s_i, s.joint_i), joint_s_j=turn(s.joint_s_j, s.joint_j),
+        joint_u=turn(s.joint_u, s.joint_i), joint_w=turn(s.joint_w, s.joint_i), joint_n=turn(s.joint_n, s.joint_j),
+        spring_p_i=turn(s.spring_p_i, s.spring_i), spring_p_j=turn(s.spring_p_j, s.spring_j),
+        torsion_u=turn(s.torsion_u, s.torsion_i), torsion_n=turn(s.torsion_n, s.torsion_j),
+        load_p=turn(s.load_p, s.load_i),
+        load_force=turn(s.load_force, own), load_torque=turn(s.load_torque, own),
+    )  # fmt: skip
+    return turned, axes
