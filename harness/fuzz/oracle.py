@@ -157,7 +157,8 @@ class Oracle:
 
     def answers(self, solver: Solver) -> tuple[dict[str, Places], tuple[str, ...]]:
         """Where the exact motion ends, and by form that of ``solver`` with the fine step; its notes."""
-        fine, out, notes = _steps(solver.control, self.mechanism.dt)[1], dict[str, Places](), ()
+        fine, out = _steps(solver.control, self.mechanism.dt)[1], dict[str, Places]()
+        notes: tuple[str, ...] = ()
         if self.truth[0] is not None:
             out["exact"] = _places(self.truth[0])
         for form in dict.fromkeys((Form(), self.form)):

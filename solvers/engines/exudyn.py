@@ -2,12 +2,12 @@
 
 A body is a node with Euler parameters and their norm as a constraint, a joint is rows of algebraic equations. Most are
 Exudyn's generic joint about its z axis, both joint frames equal at the start, with marker 0 on body j: an incomplete
-set of its rows is then one of ours. Mechanisms of parallel hinges alone have it on body i. It knows no rate of a drive
-(1.13.6). Redundant rows are left out, chosen by a pivoted QR of them in the frame in which Exudyn states
-them, or kept: then with Tait-Bryan angles, whose nodes have no row of their own, and dense LU that ignores the singular
-Jacobian. Its defaults stay: modified Newton, and smaller steps where the iteration fails; such a run has no fixed steps
-any more and ends there. Sensors record poses inside the timed loop. Between stretches it restarts from its state, with
-initial accelerations computed anew. Its explicit integrators take no joints.
+set of its rows is then one of ours. It knows no rate of a drive (1.13.6). Redundant rows are left out, chosen by a
+pivoted QR of them in the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have no
+row of their own, and dense LU that ignores the singular Jacobian. Its defaults stay: modified Newton, and smaller steps
+where the iteration fails; such a run has no fixed steps any more and ends there. Sensors record poses inside the timed
+loop. Between stretches it restarts from its state, with initial accelerations computed anew. Its explicit integrators
+take no joints.
 """
 
 import contextlib
@@ -102,7 +102,6 @@ class Model:
         self._rows = np.ones(system.nrows, dtype=bool) if self.full else _independent_rows(system, start)
         self._container = self._exu.SystemContainer()
         self.mbs = mbs = self._container.AddSystem()
-        self._flat = _is_flat(system, start)
         self._ground = mbs.AddObject(self._exu.itemInterface.ObjectGround())
         self.bodies = [self._body(system, start, b) for b in range(system.nb)]
         for k in range(system.nj):
@@ -226,10 +225,9 @@ class Model:
         in_i, in_j = _joint_frames(system, start, k)
         places = int(system.joint_points[k] + system.joint_lines[k])
         held = dict(zip((*range(places), 4, 3, 5), rows, strict=False))  # a row on x stops turning about y
-        markers = [self._marker(i, s_i, in_i), self._marker(j, s_j, in_j)]
+        markers = [self._marker(j, s_j, in_j), self._marker(i, s_i, in_i)]
         axes = [int(held.get(n, False)) for n in range(6)]
-        order = slice(None, None, 1 if self._flat else -1)
-        self.mbs.AddObject(items.GenericJoint(markerNumbers=markers[order], constrainedAxes=axes))
+        self.mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=axes))
 
     def _spring(self, system: MultibodySystem, k: int) -> None:
         i, j = int(system.spring_i[k]), int(system.spring_j[k])
@@ -327,15 +325,6 @@ def _joint_frames(
         y = normals_of(x)[0]
     in_j = np.column_stack((x, y, np.cross(x, y)))
     return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
-
-
-def _is_flat(system: MultibodySystem, start: State) -> bool:
-    """Whether all joints are hinges of one direction."""
-    if not np.all(system.joint_revolute) or not system.nj:
-        return False
-    R = np.concatenate((start.R, np.eye(3)[None]))
-    axes = np.einsum("nij,nj->ni", R[system.joint_i], system.joint_u)
-    return bool(np.max(np.abs(np.cross(axes, axes[0]))) < PARALLEL)
 
 
 def _independent_rows(system: MultibodySystem, start: State) -> Bool[np.ndarray, " nrows"]:
