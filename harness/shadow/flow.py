@@ -15,7 +15,7 @@ TOGETHER = 2**13  # numbers of tangents at a time, of which a step has twelve
 
 def flow(
     E: Equations, t: Float[np.ndarray, " n"], h: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"],
-    steps: Int[np.ndarray, " n"], tolerance: float = TOLERANCE,
+    steps: Int[np.ndarray, " n"], tolerance: float = TOLERANCE, most: int = MOST_STEPS,
 ) -> Float[np.ndarray, "n ny"]:  # fmt: skip
     """y at t + h; ``steps`` are doubled in place where they are too few. NaN where no number suffices."""
     out, left = np.full_like(y, np.nan), np.arange(len(y))
@@ -28,7 +28,7 @@ def flow(
             out[own[~bad]] = z[~bad]
             again.append(own[bad])
         left = np.concatenate(again)
-        left = left[steps[left] < MOST_STEPS]
+        left = left[steps[left] < most]
         steps[left] *= 2
     return out
 

@@ -3,7 +3,7 @@
 First the gaps are closed, by damped Gauss-Newton steps of smallest correction (error-oriented damping, Deuflhard 2004,
 sect. 4.4); then the motion is led along the true ones to the nearest, where the sum of squares has its least value.
 No shift of time is allowed: states are compared at the same times. The search for the nearest stops early (``NEAREST``,
-``SETTLED``): RATTLE on the chain at 1e-3 s over 20 s has an rms distance of 0.694 mm, of 0.684 mm with bounds a
+``SETTLED``): RATTLE on the chain at 1e-3 s over 20 s has an rms distance of 0.693 mm, of 0.684 mm with bounds a
 hundredth and a tenth as large. Either is a true motion's, and bounds the distance of the nearest from above.
 """
 
@@ -15,7 +15,8 @@ from .equations import Equations
 from .flow import ROUGH, TOLERANCE, flow, tangents
 
 CLOSED = 1e-10  # [m] in the metric, of the largest gap
-CONTRACTS = 0.1  # tangents are kept while a correction is smaller than the one before by this factor
+TANGENTS = 4  # directions, along which they cost about as much as a correction
+ASTRAY = 128  # steps of a segment, that of a sound motion taking 24: one that takes more is not near the given one
 PROJECTIONS = 4
 LEAST_DAMPING = 1 / 64
 MOST_ITERATIONS = 20
@@ -47,9 +48,8 @@ class Refinement:
         for _ in range(PROJECTIONS):
             y = self.E.project(self.t, y)
         self.y = y
-        ends = flow(
-            self.E, self.t[:-1], self._h, y[:-1], *((self._rough, ROUGH) if rough else (self._steps, TOLERANCE))
-        )
+        how = (self._rough, ROUGH) if rough else (self._steps, TOLERANCE)
+        ends = flow(self.E, self.t[:-1], self._h, y[:-1], *how, ASTRAY)
         self.jumps = ends - y[1:]
 
     def _linearise(self) -> Continuity:
@@ -69,40 +69,42 @@ class Refinement:
         largest = float(np.max(np.linalg.norm(self.gaps, axis=1)))
         return largest if np.isfinite(largest) else np.inf
 
-    def close(self) -> bool:
-        """Close the gaps; whether that succeeded."""
+    def close(self, linear: Continuity | None = None) -> bool:
+        """Close the gaps, by the tangents here if these are known; whether that succeeded."""
         try:
-            return np.isfinite(self.gap) and self._close()
+            return np.isfinite(self.gap) and self._close(linear)
         except np.linalg.LinAlgError:  # where the mechanism is singular
             return False
 
-    def _close(self) -> bool:
-        linear = self._linearise()
+    def _close(self, linear: Continuity | None) -> bool:
         for _ in range(MOST_ITERATIONS):
             if self.gap < CLOSED or not np.isfinite(self.gap):
                 break
+            linear = linear or self._linearise()
             self.iterations += 1
             z = linear.least(-self.gaps)
-            size, after, y, damping = linear.size(z), np.inf, self.y, 1.0
+            size, after, y, steps, damping = linear.size(z), np.inf, self.y, self._steps, 1.0
             while not (after <= (1.0 - damping / 4.0) * size or self.gap < CLOSED):
                 if damping < LEAST_DAMPING:
                     return False
+                self._steps = steps.copy()  # a motion that went astray took many
                 self._place(y + damping * self.frames.move(z))
                 after = linear.size(linear.least(-self.gaps)) if np.isfinite(self.gap) else np.inf
                 damping *= 0.5
-            linear = linear if after < CONTRACTS * size else self._linearise()
+            corrections = np.log(CLOSED / max(self.gap, CLOSED)) / np.log(after / size) if after < size else np.inf
+            linear = linear if TANGENTS * corrections < z.shape[1] else None  # new ones would cost more
         return self.gap < CLOSED
 
     def approach(self) -> None:
         """Move a closed motion to the nearest one, as far as that makes it nearer, and close that."""
         before = self.y
-        self._approach()
+        linear = self._approach()
         self._place(self.y)
-        if not self.close():
+        if not self.close(linear):
             self._place(before)
 
-    def _approach(self) -> None:
-        """By conjugate directions."""
+    def _approach(self) -> Continuity | None:
+        """By conjugate directions; the tangents where it ends, if known."""
         damping, direction, last = 1.0, np.zeros_like(self.y), np.inf
         for _ in range(MOST_APPROACHES):
             linear = self._linearise()
@@ -110,7 +112,7 @@ class Refinement:
             along = linear.least(linear.apply(away)) - away
             before, steepest, y = linear.size(away), linear.size(along), self.y
             if steepest < NEAREST * before:
-                return
+                return linear
             conjugate = self.frames.measure(direction)
             conjugate -= linear.least(linear.apply(conjugate))
             z = along + (steepest / last) ** 2 * conjugate
@@ -122,20 +124,23 @@ class Refinement:
                 damping *= 0.5
                 if damping < LEAST_DAMPING:
                     self._place(y)
-                    return
+                    return linear
             if before - after < SETTLED * before:
-                return
+                return None
             bend = after**2 - before**2 + 2.0 * damping * slope  # of the square over the step: a parabola
             damping = min(1.0, slope * damping**2 / bend) if bend > 0.0 else 1.0
+        return None
 
     def _step(self, linear: Continuity, y: np.ndarray) -> float:
         """Take ``y``, its gaps closed by the tangents at hand; its distance, infinite where they stay open."""
+        steps = self._rough.copy()
         self._place(y, rough=True)
         self.iterations += 1
         last = np.inf
         while self.gap >= max(CLOSED, NEARLY * linear.size(self.frames.measure(self.y - self.given))):
             z = linear.least(-self.gaps)
             if not linear.size(z) < 0.5 * last:
+                self._rough = steps  # as in ``_close``
                 return np.inf
             last = linear.size(z)
             self._place(self.y + self.frames.move(z), rough=True)

@@ -17,6 +17,7 @@ from mbsbench.harness.shadow.equations import Equations
 from mbsbench.harness.shadow.findings import describe_shadow
 from mbsbench.harness.shadow.flow import flow, tangents
 from mbsbench.harness.shadow.plane import with_hinges
+from mbsbench.harness.shadow.refinement import Refinement
 from mbsbench.harness.shadow.shadow import GAP, find_shadow
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
@@ -89,6 +90,20 @@ def test_corrections_are_the_least_that_join_segments():
     linear = Continuity(A, w)
     assert np.allclose(linear.least(b).ravel(), expected)
     assert np.allclose(linear.apply(linear.least(b)), b)
+
+
+def test_a_motion_that_goes_astray_costs_later_ones_nothing():
+    """The steps that it took are forgotten, and its distance is no distance."""
+    problem, E = equations_of("cart_pendulum")
+    trajectory = registry.make_solver("rattle").solve(dataclasses.replace(problem, t_end=1.0), StepControl(dt=1e-3))
+    rows = np.arange(0, 1001, 50)
+    refinement = Refinement(E, trajectory.t[rows], coordinates_of(E.tree, trajectory.states)[rows], 0.1)
+    assert refinement.close()
+    linear, y = refinement._linearise(), refinement.y
+    assert np.isfinite(refinement._step(linear, y))
+    before = refinement._rough.copy()
+    assert refinement._step(linear, y + 30.0 * np.random.default_rng(4).normal(size=y.shape)) == np.inf
+    assert np.array_equal(refinement._rough, before)
 
 
 def test_shadow_of_a_linear_problem_is_its_least_squares():
