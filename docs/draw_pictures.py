@@ -26,7 +26,7 @@ from mbsbench.reports.mechanism.theatre.scene import stored_exact
 from mbsbench.reports.model.catalogue import code_of_others, is_engine
 from mbsbench.reports.model.frontier import Frontier, frontiers
 from mbsbench.reports.model.results import Results, read_results
-from mbsbench.reports.model.scores import broadest
+from mbsbench.reports.model.variants import broadest
 from mbsbench.reports.model.words import join_words, number, seconds
 from mbsbench.reports.pages.runs.overview import ENGINES, false_successes
 from mbsbench.reports.plots.printed import save

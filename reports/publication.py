@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..harness.places import Place
-from .model.accuracy import LEVELS
 from .model.heat import Heat, heat
+from .model.margin import LEVELS
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
 from .plots.laws import draw_runs, laws

@@ -15,7 +15,7 @@ from ..harness.files import write_text
 from ..harness.places import Place
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
-from .model.accuracy import list_followed
+from .model.followed import list_followed
 from .model.frontier import frontiers, of_most_problems
 from .model.results import Results, group_by, read_results, stamp
 from .pages.judged.orders import by_case, fit_of, ladders

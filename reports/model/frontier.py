@@ -10,7 +10,7 @@ from typing import Any
 from .accuracy import Measure, measure_for
 from .catalogue import is_engine
 from .results import Results, Run, Variant, by_solver, group_by, text_of
-from .scores import presentation
+from .variants import presentation
 from .words import decade, mark, number, seconds
 
 TARGETS = tuple(10.0**-k for k in range(1, 12))  # in the unit of the problem's error

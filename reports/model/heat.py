@@ -5,9 +5,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from .accuracy import Margin, margin
+from .margin import Margin, margin
 from .results import Results, Run, Variant, by_solver
-from .scores import broadest, finest, plain_runs, themselves
+from .scores import finest
+from .variants import broadest, plain_runs, themselves
 from .words import Mark, mark, number, plural
 
 FEW = 0.5  # of the solvers: a variant that fewer ran is no column, or their counts would not compare

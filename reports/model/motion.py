@@ -1,110 +1,16 @@
-"""Series made small enough to draw, with every peak kept; those of one run by name, read once and dropped."""
+"""The curves of one run by name: its series, read once and dropped."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import pandas as pd
-from jaxtyping import Float
-from pandas.api.typing import SeriesGroupBy
 
 from ...harness.results.series import Series
+from .curves import SPANS_UPPER, Curve, band, signed_curve, upper
 from .results import Run
 
 NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientation_error", "out_of_plane")
-SPANS_UPPER = 240  # a panel is about 3 in wide: more spans than that are not seen
-SPANS_SIGNED = 320
-CAP = 1e4  # a motion that blew up is cut at so many times the problem's own scale, or others could not be seen
-SELDOM = 0.05  # of a line may lie below the lower edge: all errors begin at zero
-ROUNDING = 1e-17  # of that scale: what is below is drawn at the lower edge
-
-
-@dataclass(frozen=True)
-class Curve:
-    """Points of a line; with ``low`` it is the upper edge of a band."""
-
-    t: Float[np.ndarray, " n"]
-    y: Float[np.ndarray, " n"]
-    low: Float[np.ndarray, " n"] | None = None
-    high: Float[np.ndarray, " n"] | None = None
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-
-def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
-    """The largest |a| in each span of time: what a bound must not be below. Values that are no numbers are left out."""
-    t, a = _finite(t, np.abs(a))
-    at = _spans(t, a, t_end, spans).idxmax().to_numpy(int)
-    return Curve(t[at], a[at])
-
-
-def signed_curve(
-    t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_SIGNED
-) -> Curve:
-    """Smallest and largest value in each span, in their order of time, and the ends."""
-    t, a = _finite(t, a)
-    each = _spans(t, a, t_end, spans)
-    ends = [0, len(t) - 1] if len(t) else []
-    at = np.unique(np.concatenate([ends, each.idxmin(), each.idxmax()])).astype(int)
-    return Curve(t[at], a[at])
-
-
-def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
-    """Median, smallest and largest value in each span, at its end."""
-    t, a = _finite(t, a)
-    each = _spans(t, a, t_end, spans)
-    last = each.tail(1).index.to_numpy(int)
-    return Curve(t[last], each.median().to_numpy(), each.min().to_numpy(), each.max().to_numpy())
-
-
-def level(curve: Curve) -> Curve:
-    """Without the points inside stretches where nothing changes: a constant step needs two points."""
-    rows = [e for e in (curve.y, curve.low, curve.high) if e is not None]
-    if len(curve) < 3:
-        return curve
-    same = np.all([(e[1:-1] == e[:-2]) & (e[1:-1] == e[2:]) for e in rows], axis=0)
-    keep = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
-    edges = [None if e is None else e[keep] for e in (curve.low, curve.high)]
-    return Curve(curve.t[keep], curve.y[keep], *edges)
-
-
-def log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
-    """Limits for a logarithmic axis: from rounding (of ``scale``) at the lowest to a cap at the highest."""
-    size = scale if np.isfinite(scale) and scale > 0.0 else 1.0
-    floor = size * ROUNDING
-    seen = [ends for c in curves if c is not None and (ends := reach(c, floor))]
-    if not seen:
-        return floor, floor * 1e3
-    top = min(max(high for _, high in seen), size * CAP)
-    return max(min(*(low for low, _ in seen), top) / 2.0, floor), top * 3.0
-
-
-def reach(curve: Curve, floor: float) -> tuple[float, float] | None:
-    """From where to where a line goes on a logarithmic axis, first errors left out; None if below ``floor``."""
-    rows = [e[e > floor] for e in (curve.y, curve.low, curve.high) if e is not None]
-    rows = [e for e in rows if len(e)]
-    return (min(float(np.quantile(e, SELDOM)) for e in rows), max(float(e.max()) for e in rows)) if rows else None
-
-
-def span(curve: Curve, limits: tuple[float, float]) -> tuple[float, float]:
-    """From where to where a line goes inside of the limits of a linear axis."""
-    low, high = np.clip((curve.y.min(), curve.y.max()), *limits)
-    return float(low), float(high)
-
-
-def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    n = min(len(t), len(a))
-    with np.errstate(invalid="ignore"):
-        good = np.isfinite(t[:n]) & np.isfinite(a[:n])
-    return t[:n][good].astype(float), a[:n][good].astype(float)
-
-
-def _spans(t: np.ndarray, a: np.ndarray, t_end: float, n: int) -> SeriesGroupBy:
-    """Rows by span; [0, t_end] in ``n`` equal ones, so that curves of one figure have the same spans."""
-    whole = max(t_end if t_end > 0.0 else 0.0, *t[-1:], 1e-300)
-    return pd.Series(a).groupby(np.minimum((t / whole * n).astype(np.int64), n - 1), sort=False)
 
 
 @dataclass(frozen=True)

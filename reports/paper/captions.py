@@ -14,7 +14,7 @@ from ...harness.places import NotOwn, Place
 from ...harness.results.judgements import files
 from ...harness.results.judgements.claims import Claim
 from ..model import claim_words
-from ..model.motion import SPANS_SIGNED, SPANS_UPPER
+from ..model.curves import SPANS_SIGNED, SPANS_UPPER
 from .catalogue import PRINTED, Panel, PaperFigure
 from .lines import Line
 

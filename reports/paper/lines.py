@@ -12,7 +12,7 @@ import numpy as np
 from ...harness.results.records import RunRecord
 from ...harness.results.series import Series
 from ...harness.types import StepControl
-from ..model.motion import Curve, log_limits, signed_curve, upper
+from ..model.curves import Curve, log_limits, signed_curve, upper
 from ..model.results import Run, format_name, group_by
 from ..model.words import number
 from ..plots.laws import value_limits

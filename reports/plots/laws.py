@@ -9,7 +9,8 @@ import numpy as np
 from ...harness.results.records import RunRecord
 from ...harness.types import ALLOWED, Law, Status
 from ..model.accuracy import judged_until
-from ..model.motion import SPANS_UPPER, Curve, Motion, log_limits, motion_of, span
+from ..model.curves import SPANS_UPPER, Curve, log_limits, span
+from ..model.motion import Motion, motion_of
 from ..model.results import Results, Run
 from ..model.words import number, time, unit
 from .lines import Line, all_lines, shared_options, traces

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.motion import Curve, level, reach, span
+from ..model.curves import Curve, level, reach, span
 from ..model.results import Run, Variant, by_solver
 from ..model.words import time
 from .spec import Trace, end_of

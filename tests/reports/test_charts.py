@@ -9,7 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.types import Law
-from mbsbench.reports.model import motion as curves
+from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.pages.judged.cost import growths

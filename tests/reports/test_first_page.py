@@ -17,7 +17,7 @@ from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Law
 from mbsbench.reports import site
 from mbsbench.reports.mechanism.stage import FRAMES
-from mbsbench.reports.model.accuracy import margin
+from mbsbench.reports.model.margin import margin
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number, seconds
 from mbsbench.reports.pages.runs.overview import ENGINES

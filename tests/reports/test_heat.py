@@ -12,8 +12,8 @@ from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.types import ALLOWED, Law, Reason
 from mbsbench.reports import site
-from mbsbench.reports.model.accuracy import LEVELS, margin
 from mbsbench.reports.model.heat import best_and_worst, heat, rank
+from mbsbench.reports.model.margin import LEVELS, margin
 from mbsbench.reports.model.results import Run, read_results
 
 from .conftest import put, record, series

@@ -5,7 +5,7 @@ import pytest
 
 from mbsbench.harness.files import write_text
 from mbsbench.reports import site
-from mbsbench.reports.model.motion import upper
+from mbsbench.reports.model.curves import upper
 
 from .browser import OPEN
 from .conftest import put, record, series

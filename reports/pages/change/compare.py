@@ -13,7 +13,7 @@ from ....harness.results.judgements.claims import Claim, Verdict
 from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.provenance import find_differences, stamp_of
 from ....harness.results.records import RunRecord
-from ...model.motion import upper
+from ...model.curves import upper
 from ...model.results import Results, Run, group_by, read_results, slug
 from ...model.words import mark, number
 from ...plots.spec import Axis, Plot, Trace

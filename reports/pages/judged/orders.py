@@ -1,12 +1,11 @@
-"""Judgements of a solver beyond one run, in words, marks and plots: orders of convergence, energy drift, symmetries."""
+"""Orders of convergence and energy drifts in words, marks and plots."""
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
-from ....harness.results.judgements.runs import Note, Order, Symmetry, Unjudged
+from ....harness.results.judgements.runs import Note, Order
 from ...model.results import group_by, natural, slug
 from ...model.words import Mark, plural
 from ...plots.spec import Axis, Plot, Trace
@@ -25,23 +24,6 @@ VERDICTS = {  # of certificates and of drifts
     "measured": ("○", "refused"), "undecided": ("○", "refused"), "floor": ("○", "refused"),
     "too short": ("–", "refused"), "refused": ("–", "refused"), "not measured": ("★", "failed"),
 }  # fmt: skip
-MARKS = {  # the worst first
-    "broken": Mark("✗", "broken", "wrong"),
-    "failed": Mark("★", "the run failed", "failed"),
-    "undecided": Mark("○", "not decided", "refused"),
-    "refused": Mark("⊘", "refused", "refused"),
-    "holds": Mark("✓", "holds", "good"),
-    "not applicable": Mark("–", "not applicable", "none"),
-}
-UNJUDGED = {
-    Unjudged.BASE: "the run as it stands ended with {status}: {message}",
-    Unjudged.PRESENTED: "{status}: {message}",
-    Unjudged.BOUND: "no bound: one of the runs that it is measured by failed or has no end",
-    Unjudged.SINGLE: "one body and one joint have no order",
-    Unjudged.WAY_BACK: "{message}",
-    Unjudged.END: "no end to compare",
-}
-MISSES = {"time reversal": "misses the start", "planar symmetry": "leaves the plane"}
 
 
 def by_case(found: Sequence[Order]) -> list[Order]:
@@ -147,35 +129,3 @@ def _traces(o: Order) -> list[Trace]:
         out.append(Trace(name, np.array([p[0] for p in own]), np.array([p[1] for p in own]), solver=o.solver,
                          mode="markers", words=[words] * len(own), hollow=kind != USED))  # fmt: skip
     return out
-
-
-def tally(found: Sequence[Symmetry]) -> tuple[Mark, str]:
-    """The mark of the worst outcome of a check, and how many hold."""
-    count = Counter(s.verdict for s in found)
-    worst = next(mark for verdict, mark in MARKS.items() if count[verdict])  # type: ignore[index]
-    tried = len(found) - count["not applicable"]
-    return worst, f"{count['holds']} of {tried}" if tried else ""
-
-
-def describe_symmetry(s: Symmetry) -> str:
-    """How far apart two runs end, and how far they may, with what the bound is made of."""
-    if s.unjudged is not None:
-        return UNJUDGED[s.unjudged].format(status=s.status, message=s.message or "no message")
-    parts = [f"a tenth of the tolerance moves the end by {s.level:.1e} m"]
-    if s.halved > 0.0:
-        parts.append(f"half the step by {s.halved:.1e} m")
-    parts += [f"rounding by {s.rounding:.1e} m at most", f"a change of the start grows {s.growth:.2g}-fold"]
-    missed = f"{MISSES.get(s.check, 'ends elsewhere')} by {s.deviation:.1e} m"
-    allowed = f"{missed} of {s.bound:.1e} m allowed"
-    if s.verdict == "broken":
-        times = f"{s.deviation / s.bound:.3g} times the {s.bound:.1e} m allowed" if s.bound > 0.0 else "nothing allowed"
-        said = f"{missed}, {times}"
-    elif s.verdict == "undecided":
-        said = f"{missed}, but {s.bound:.1e} m allowed is more than the mechanism's size"
-    elif s.exact is None:
-        said = allowed
-    elif s.exact:
-        said = f"exactly: {missed}, as far as the steps are solved, {s.exact_bound:.1e} m"
-    else:
-        said = f"not exactly, within its error: {allowed}"
-    return f"{said} ({', '.join(parts)})"

@@ -9,13 +9,16 @@ from ....harness.results.records import reasons_of
 from ....harness.results.reproduce import write_command
 from ....harness.results.words import law_of
 from ...mechanism.stage import moment
-from ...model.accuracy import LEVELS, Measure, list_followed, margin, measure_for
+from ...model.accuracy import Measure, measure_for
 from ...model.catalogue import code_of_others, is_engine
+from ...model.curves import upper
+from ...model.followed import list_followed
 from ...model.frontier import Frontier, broad, costs, default_target, of_most_problems
 from ...model.heat import Box, Heat, heat
-from ...model.motion import upper
+from ...model.margin import LEVELS, margin
 from ...model.results import Results, Run, group_by, read_results
-from ...model.scores import broadest, mechanisms, unpredictable
+from ...model.scores import unpredictable
+from ...model.variants import broadest, mechanisms
 from ...model.words import number, seconds, time
 from ...plots.browser import Steps
 from ...plots.spec import Look, Plot

@@ -12,13 +12,17 @@ from ....harness.results.records import judged_own, reasons_of
 from ....harness.results.words import law_of
 from ...mechanism.segments import flat, mechanism_of, view_of
 from ...mechanism.stage import stage
-from ...model.accuracy import judged_until, list_followed, margin, measure_for
+from ...model.accuracy import judged_until, measure_for
 from ...model.catalogue import about_problem, code_of_others, why_hard
+from ...model.curves import SPANS_UPPER
+from ...model.followed import list_followed
 from ...model.frontier import of_most_problems
 from ...model.heat import Heat, best_and_worst, boxes_of, rank
-from ...model.motion import SPANS_UPPER, Motion, motion_of
+from ...model.margin import margin
+from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant, group_by
-from ...model.scores import broadest, groups_of, mechanisms, themselves, unpredictable, variant_groups
+from ...model.scores import unpredictable
+from ...model.variants import broadest, groups_of, mechanisms, themselves, variant_groups
 from ...model.words import mark, number, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of

@@ -6,8 +6,8 @@ from typing import Any
 from ....harness.results.reproduce import write_command
 from ...model.accuracy import energy_kind, measure_for
 from ...model.results import Results, Run
-from ...model.scores import broadest, themselves
 from ...model.tables import COLUMNS
+from ...model.variants import broadest, themselves
 from ...model.words import NONE, mark, number
 from ..base import PLOTTING, Page, Site
 

@@ -7,15 +7,17 @@ from typing import Any
 from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
 from ....harness.results.judgements.runs import Drift, Order
 from ....harness.results.words import words_of
-from ...model.accuracy import Followed, list_followed
 from ...model.catalogue import about_solver
+from ...model.followed import Followed, list_followed
 from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import heat
 from ...model.results import Results, Run, by_solver, group_by, natural, text_of
-from ...model.scores import Score, broadest, groups_of, score, standings, themselves
+from ...model.scores import Score, score, standings
+from ...model.variants import broadest, groups_of, themselves
 from ...model.words import decade, number, plural, time
 from ..base import Page, Site, read_judged_or_published
-from ..judged import orders as judging
+from ..judged import orders as order_words
+from ..judged import symmetries as symmetry_words
 from ..svg import badge
 
 CHIPS = 8  # runs named in a row; the problem's page has all
@@ -35,8 +37,8 @@ def write(results: Results, site: Site) -> Page | None:
     loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
     for name, runs in by_solver(results.runs).items():
         orders, drifts, symmetries, wrong = ([x for x in j.found or () if x.solver == name] for j in judged)
-        certified = judging.by_case(orders)
-        drawn = judging.ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
+        certified = order_words.by_case(orders)
+        drawn = order_words.ladders([o for o in certified if o.quantity == QUANTITY and o.against == "dt"])[:DRAWN]
         card = site.cards[name] = card_of(name, orders, drifts, follow, costs)
         image = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
         (site.folder / image).write(card["badge"], durable=False)
@@ -54,7 +56,8 @@ def write(results: Results, site: Site) -> Page | None:
             rows=[row for row in rows if row[2] and row[0].title in plain],
             apart=[row for row in rows if row[2] and row[0].title not in plain],
             whys=[(j.why, j.published) for j in judged], certificates=certified,
-            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))), judging=judging,
+            drifts=sorted(drifts, key=lambda d: (natural(d.variant), natural(d.case))),
+            order_words=order_words, symmetry_words=symmetry_words,
             checks=group_by(symmetries, lambda s: s.title), wrong=wrong, reason_words=words_of,
         )  # fmt: skip
     return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html",
@@ -87,13 +90,13 @@ def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], follo
         declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
         on = f"{best.verdict} on {sum(o.verdict == best.verdict for o in own)} of {plural(len(own), 'problem')}"
         value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f}){declared}; {on}"
-        facts.append(("order", value, f"{best.order:.2f}", judging.verdict_mark(best.verdict).kind))
+        facts.append(("order", value, f"{best.order:.2f}", order_words.verdict_mark(best.verdict).kind))
     if long := [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]:
         d = max(long, key=lambda d: (d.periods, d.variant))
         words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
         over = f"{words} over {plural(d.periods, 'period')}"
         moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
-        facts.append(("energy", f"{over} of {d.problem}{moved}", over, judging.verdict_mark(d.verdict).kind))
+        facts.append(("energy", f"{over} of {d.problem}{moved}", over, order_words.verdict_mark(d.verdict).kind))
     if motions := [f for f in followed if f.run.record.solver == solver and f.known > 0.0]:
         whole, least = sum(f.whole for f in motions), min(motions, key=lambda f: f.until / f.known)
         value = f"{whole} of {plural(len(motions), 'motion')} to the end of the reference"

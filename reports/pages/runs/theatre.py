@@ -5,7 +5,7 @@ from typing import Any
 
 from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, RULE, players, scene
 from ...model.results import Results, Variant
-from ...model.scores import broadest, same_motion, themselves
+from ...model.variants import broadest, same_motion, themselves
 from ..base import Page, Site
 
 ALL_BYTES = 12_000_000  # of the data files of all theatres

@@ -16,7 +16,7 @@ from mbsbench.harness.results.judgements.runs import Unjudged
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Law
-from mbsbench.reports.pages.judged.orders import describe_symmetry
+from mbsbench.reports.pages.judged.symmetries import describe_symmetry
 
 from .synthetic import altered, bare
 

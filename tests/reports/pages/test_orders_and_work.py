@@ -10,7 +10,8 @@ from msgspec.structs import replace
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import group_by, read_results
 from mbsbench.reports.pages.judged.cost import fields, plots_of, profiles, work_at
-from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, fit_of, list_points, tally, verdict_mark
+from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, fit_of, list_points, verdict_mark
+from mbsbench.reports.pages.judged.symmetries import tally
 from mbsbench.reports.plots.work import profile_plot, steps_of
 
 from ..conftest import every_kind, put, record, series

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.reports.mechanism.segments import flat, mechanism_of, view_of
-from mbsbench.reports.model.motion import Curve
+from mbsbench.reports.model.curves import Curve
 from mbsbench.reports.paper.catalogue import Panel
 from mbsbench.reports.paper.lines import is_rounding, limits_of, within
 from mbsbench.reports.plots.spec import Axis
