@@ -2,8 +2,8 @@
 
 Z = h A f(y + Z) by simplified Newton steps in the eigenvectors of A^-1 (Hairer, Wanner, Solving ODEs II, IV.8).
 Jacobians are differences: they decide how fast the steps converge, not where to. A step is as long as the highest
-Legendre coefficient of its polynomial allows, so that what lies between its ends is as exact as they are. An
-integrator that none of the solvers uses.
+Legendre coefficient of its polynomial allows, so that what lies between its ends is as exact as they are. Solvers
+share the family, with three stages on other equations, and none of this code.
 """
 
 from collections.abc import Callable, Iterator
