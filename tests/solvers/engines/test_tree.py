@@ -16,6 +16,7 @@ from mbsbench.harness.mechanics.motion import (
     spring_line,
 )
 from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.mechanics.torsion import torsion
 from mbsbench.solvers.engines.export.model_check import EngineModel, differences, model_refusal
 from mbsbench.solvers.engines.export.tree import Kind, Tree, spanning_tree
 
@@ -150,15 +151,25 @@ def test_a_row_left_out_is_found():
     assert found["degrees of freedom"] > 0.1
 
 
-def test_springs_at_rest_are_measured_by_what_cancels_in_them():
+@pytest.mark.parametrize(("name", "kind"), [("sprung", "spring_k"), ("jointed", "torsion_k")])
+def test_springs_at_rest_are_measured_by_what_cancels_in_them(name, kind):
     """k (d - d_0) of a spring at its length is rounding of k d: an engine's other rounding is no other model."""
-    problem = PROBLEMS["sprung"]()
-    lengths = [np.linalg.norm(spring_line(problem.system, States.one(problem.initial), k)[0])
-               for k in range(len(problem.system.spring_k))]  # fmt: skip
-    s = dataclasses.replace(problem.system, spring_d0=np.array(lengths), gravity=np.zeros(3))
+    problem = PROBLEMS[name]()
+    s, start = problem.system, problem.initial
+    if kind == "torsion_k":
+        s = replace(
+            s, torsion_i=np.array([2]), torsion_j=np.array([1]), torsion_u=np.array([[0.6, 0.8, 0.0]]),
+            torsion_n=np.eye(3)[None, :2], torsion_k=np.array([3.0]), torsion_rest=np.zeros(1), torsion_c=np.zeros(1),
+        )  # fmt: skip
+    still = States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega))
+    lengths = np.array([np.linalg.norm(spring_line(s, still, k)[0]) for k in range(len(s.spring_k))])
+    angles = torsion(s, still)[0][0] + s.torsion_rest
+    s = replace(s, spring_d0=np.nextafter(lengths, 9.0), torsion_rest=np.nextafter(angles, 9.0), gravity=np.zeros(3))
+    largest = float(np.max(getattr(s, kind)))
+    assert 0.0 < np.max(np.abs(applied_loads(s, still))) < 1e-15 * largest
     problem = replace(problem, system=s)
     model = own_model(problem)
-    off = replace(model, rest_forces=model.rest_forces + 1e-15 * float(np.max(s.spring_k)))
+    off = replace(model, rest_forces=model.rest_forces + 1e-15 * largest)
     assert differences(problem, off)["forces at rest"] < 1e-12
-    wrong = replace(model, rest_forces=model.rest_forces + 1e-6 * float(np.max(s.spring_k)))
+    wrong = replace(model, rest_forces=model.rest_forces + 1e-6 * largest)
     assert differences(problem, wrong)["forces at rest"] > 1e-8
