@@ -104,7 +104,7 @@ class Heat:
         complete = [row for row in self.rows if row.counted == len(self.problems)] or self.rows
         whole = sum(row.succeeded == len(self.problems) for row in complete)
         apart = len({v.problem for v in self.problems}) < len(self.problems)
-        name = f"all {len(self.problems)} problems{', each set of parameters counted,' if apart else ''}"
+        name = f"all {len(self.problems)} problems{' (each set of parameters counted)' if apart else ''}"
         name = self.problems[0].title if len(self.problems) == 1 else name
         ran = "" if len(complete) == len(self.rows) else f" that ran {name}"
         stay = f"{'stays' if whole == 1 else 'stay'} within every limit"

@@ -8,8 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ....harness.results.judgements.files import DRIFTS
-from ....harness.results.records import judged_own, reasons_of
-from ....harness.results.words import law_of
+from ....harness.results.records import judged_own
 from ...mechanism.segments import flat, mechanism_of, view_of
 from ...mechanism.stage import stage
 from ...model.accuracy import judged_until, measure_for
@@ -23,7 +22,7 @@ from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant, group_by
 from ...model.scores import unpredictable
 from ...model.variants import broadest, groups_of, mechanisms, themselves, variant_groups
-from ...model.words import mark, number, unit
+from ...model.words import mark, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of
 from ...plots.spec import choose_focus
@@ -190,11 +189,8 @@ def scene_of(results: Results, site: Site, variant: Variant, label: str) -> dict
 
 def _describe_role(run: Run, role: str, site: Site) -> dict[str, str]:
     measured, r = mark(run.status), run.record
-    broken = [b for b in reasons_of(r.wrong_because) if run.status == "wrong" and math.isfinite(b.time_s)]
-    first = min(broken, key=lambda b: b.time_s, default=None)
-    since = f": {law_of(first)} passes its limit at {number(first.time_s)} s" if first else ""
     return {
         "solver": r.solver, "code": code_of_others(r.solver), "words": role, "step": run.step_words,
-        "url": site.url(run), "claimed": r.claimed.replace("_", " "), "measured": f"{measured.word}{since}",
+        "url": site.url(run), "claimed": r.claimed.replace("_", " "), "measured": measured.word,
         "kind": measured.kind, "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip
