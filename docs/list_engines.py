@@ -1,6 +1,6 @@
-"""The tables of docs/engines.md: of results of the suite ``engine_defaults``, and of elements that engines take.
+"""The tables of docs/engines.md: results of suites ``engine_defaults`` and ``frontier``, elements that engines take.
 
-python docs/list_engines.py RESULTS        # writes results/published/engines/contests.json and the page
+python docs/list_engines.py RESULTS        # of either suite: writes results/published/engines and the page
 python docs/list_engines.py                # writes the page from what is published and what the adapters declare
 """
 
@@ -14,32 +14,48 @@ from typing import Any
 
 from mbsbench.harness.catalogue.registry import engines, make_solver
 from mbsbench.harness.mechanics.joints import KINDS
+from mbsbench.reports.model.catalogue import is_engine
+from mbsbench.reports.model.frontier import Frontier, broad, engines_first, frontiers
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget
 from mbsbench.solvers.engines.export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
 
 HERE = Path(__file__).resolve().parent
-PAGE, PUBLISHED = HERE / "engines.md", HERE.parent / "results" / "published" / "engines" / "contests.json"
-TABLES, ELEMENTS = (
+PAGE, FOLDER = HERE / "engines.md", HERE.parent / "results" / "published" / "engines"
+PUBLISHED, COSTS = FOLDER / "contests.json", FOLDER / "frontier.json"
+TABLES, FRONTIER, ELEMENTS = (
     re.compile(rf"(?<=<!-- made from {source} by list_engines\.py -->\n).*?(?=<!-- end -->)", re.DOTALL)
-    for source in (r"results/published/engines/contests\.json", "solvers/engines")
-)
+    for source in (
+        r"results/published/engines/contests\.json", r"results/published/engines/frontier\.json", "solvers/engines"
+    )
+)  # fmt: skip
+SHOWN = (1e-3, 1e-6, 1e-9, 1e-11)  # errors of the frontier on the page
 SAME = {"drake_adaptive": "drake"}  # one column for both
 
 
 def publish(folder: Path) -> None:
-    """Both runs of every pair, and where they were made."""
+    """Both runs of every pair, or the frontier, and where they were made."""
     results = read_results(folder)
-    found = contests(results)
     e = results.environment
     commits = {run.record.commit for run in results.runs}
     if e.get("dirty") or len(commits) != 1:
         raise SystemExit(f"error: {folder} is not of one commit without changes: nothing is published")
-    text = {
-        "commit": e["commit"], "cpu": e.get("cpu"), "runs": len(results.runs), "budget": describe_budget(found),
-        "target": TARGET, "contests": [_of(contest) for contest in found],
+    text = {"commit": e["commit"], "cpu": e.get("cpu"), "runs": len(results.runs)}
+    if found := contests(results):
+        text |= {"budget": describe_budget(found), "target": TARGET, "contests": [_of(contest) for contest in found]}
+    else:
+        text["rows"] = [_costs(f) for f in engines_first(broad(results, frontiers(results)))]
+    (PUBLISHED if found else COSTS).write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
+
+
+def _costs(f: Frontier) -> dict[str, Any]:
+    first = f.places[0]
+    engine = next(((p.run.record.solver, p.factor) for p in f.places if is_engine(p.run.record.solver)), None)
+    return {
+        "variant": f.variant, "error": f.target, "unit": f.unit, "below_reference": f.is_below_reference,
+        "cheapest": first.run.record.solver, "settings": first.run.settings(), "cpu_s": first.cpu_s,
+        "spread": first.spread, "next": f.places[1].factor, "engine": engine, "reach": len(f.places),
     }  # fmt: skip
-    PUBLISHED.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
 def _of(contest: Contest) -> dict[str, Any]:
@@ -85,6 +101,35 @@ def tables() -> str:
         shown = [*order[:2], *[None] * (2 - len(order[:2])), engine]
         lines.append(f"| {one['problem']} | " + " | ".join(_cost(pair) for pair in shown) + " |")
     return "\n".join(lines) + "\n"
+
+
+def frontier_table() -> str:
+    """A row a variant, with the cheapest code at each error; those where an engine leads first."""
+    lead = "**The frontier** (`mbsbench run frontier`)"
+    if not COSTS.exists():
+        return f"{lead}: no run of it is published; `python docs/list_engines.py RESULTS` writes its table here.\n"
+    found = json.loads(COSTS.read_text(encoding="utf-8"))
+    at = {(row["variant"], row["error"]): row for row in found["rows"]}
+    words = (
+        f"{lead}, commit {found['commit'][:8]}, {found['runs']} runs: the cheapest code for an error [m, rad] with its "
+        "CPU time and the spread (largest over least) of its repeats; over that, the next code and the cheapest "
+        "engine. In bold: an engine leads. –: fewer than two codes, or no engine. "
+        "†: below the stated error of the reference."
+    )
+    heads = [f"{error:.0e}".replace("e-0", "e-") for error in SHOWN]
+    lines = [fill(words, 138), "", "| | " + " | ".join(heads) + " |", "|---" * (1 + len(SHOWN)) + "|"]
+    for variant in dict.fromkeys(row["variant"] for row in found["rows"]):
+        lines.append(f"| {variant} | " + " | ".join(_place(at.get((variant, error))) for error in SHOWN) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _place(row: dict[str, Any] | None) -> str:
+    if row is None:
+        return "–"
+    engine = f"{row['engine'][1]:.2g}" if row["engine"] else "–"
+    bold = "**" if row["engine"] and row["engine"][1] <= 1.0 else ""
+    words = f"{bold}`{row['cheapest']}`{bold} {_time(row['cpu_s'])}, {row['spread']:.2g}; {row['next']:.2g}, {engine}"
+    return f"{words} †" if row["below_reference"] else words
 
 
 def elements() -> str:
@@ -150,4 +195,5 @@ if __name__ == "__main__":
     if sys.argv[1:]:
         publish(Path(sys.argv[1]))
     page = TABLES.sub(lambda _: tables(), PAGE.read_text(encoding="utf-8"), count=1)
+    page = FRONTIER.sub(lambda _: frontier_table(), page, count=1)
     PAGE.write_text(ELEMENTS.sub(lambda _: elements(), page, count=1), encoding="utf-8")

@@ -1,5 +1,6 @@
 """Names that the article may use, each with its value from published results: claims, runs, tables and figures."""
 
+import json
 import math
 import re
 import tomllib
@@ -10,6 +11,7 @@ from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
 
+from mbsbench.harness.ensemble.verdict import LEVEL
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.judgements.claims import Claim, Condition, Finding, Verdict
 from mbsbench.harness.results.judgements.files import (
@@ -23,6 +25,7 @@ from mbsbench.harness.results.judgements.files import (
     read_judgement,
 )
 from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
+from mbsbench.reports.model.catalogue import is_engine
 from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured
 from mbsbench.reports.model.frontier import least
 from mbsbench.reports.model.words import number, plural
@@ -37,7 +40,7 @@ RACE = ("gc_weak_form", "gc_augmented_lagrangian", "rattle", "generalized_alpha"
 WORDS = {"gc_weak_form": "ODE-GC, weak form", "gc_augmented_lagrangian": "ODE-GC, augmented", "rattle": "RATTLE",
          "generalized_alpha": "generalized alpha", "energy_momentum": "energy-momentum", "ida_index1": "IDA, index 1",
          "ida_index3": "IDA, index 3", "ndf_index1": "NDF, index 1", "rk45_strong_form": "ODE-45 (RK45)",
-         "rkmk_dop853": "DOP853 on the group", "heavy_top": "the top",
+         "rkmk_dop853": "DOP853 on the group", "dop853_joint": "DOP853 in joint coordinates", "heavy_top": "the top",
          "direction translation": "translations for $c_R$",
          "direction a": "$c_R$ along $a$", "gauge symmetric": "symmetric", "gauge zero": "zero gauge",
          "newton simplified": "simplified Newton", "6-gc-planar": "pendulum: planar", "11-gc-coincident": "top: angle",
@@ -174,10 +177,104 @@ def false_successes(*codes: str) -> int:
     return len({w.settings_id for w in read(WRONG) if not codes or w.solver in codes})
 
 
-def engines_published() -> bool:
-    """Whether any engine has published runs."""
-    names = {p.stem for p in (ROOT / "solvers" / "engines").glob("[!_]*.py")}
-    return any(p.solver in names for p in read(WORK).points)
+@cache
+def contest() -> dict[str, Any]:
+    """Engines and our codes, each as shipped and with the best of as many settings."""
+    return _load("engines/contests.json")
+
+
+@cache
+def chaos() -> dict[str, dict[str, Any]]:
+    """Runs of the whole chain with the nearest true motions found, and ensembles."""
+    return _load("chaos.json")
+
+
+def _load(name: str) -> Any:
+    return json.loads((ROOT / "results" / "published" / name).read_text(encoding="utf-8"))
+
+
+def engines() -> int:
+    """Engines in the contest, each method of one counted once."""
+    return len({who.split()[0] for one in contest()["contests"] for who in one["pairs"] if _is_of_others(who)})
+
+
+def _is_of_others(who: str) -> bool:
+    return is_engine(who.split()[0])
+
+
+def _is_within(run: dict[str, Any] | None) -> bool:
+    return run is not None and run["error"] is not None and run["error"] <= contest()["target"]
+
+
+def within(which: str) -> str:
+    """``25 of 57``: engines' runs within the error asked for, ``shipped`` or ``best``; those refused are left out."""
+    found = [pair[which] for one in contest()["contests"] for who, pair in one["pairs"].items() if _is_of_others(who)]
+    made = [run for run in found if run is not None and run["status"] != "refused"]
+    return f"{sum(map(_is_within, made))} of {len(made)}"
+
+
+def _race() -> list[tuple[str, str, float, str, float]]:
+    """By problem the cheapest of ours and of the engines, with CPU times [s]; those that an engine leads first."""
+    out = []
+    for one in contest()["contests"]:
+        met = sorted((pair["best"]["cpu_s"], who) for who, pair in one["pairs"].items() if _is_within(pair["best"]))
+        cost, ours = next(((c, who) for c, who in met if not _is_of_others(who)), (math.inf, ""))
+        least, engine = next(((c, who) for c, who in met if _is_of_others(who)), (math.inf, ""))
+        out.append((one["problem"], ours, cost, engine, least))
+    return sorted(out, key=lambda row: row[4] / row[2])
+
+
+def engines_lead() -> str:
+    """``1 of 5``: problems on which an engine is the cheapest."""
+    return f"{sum(row[4] < row[2] for row in _race())} of {len(_race())}"
+
+
+def engine_table() -> Table:
+    """The cheapest of ours and of the engines within the error asked for."""
+    rows = [[problem.replace("_", " "), WORDS.get(ours, ours), number(1e3 * cost), f"`{engine}`",
+             number(least / cost)] for problem, ours, cost, engine, least in _race() if ours and engine]  # fmt: skip
+    return ["", "ours", "CPU [ms]", "engine", "its CPU / ours"], rows
+
+
+def _shadows() -> list[dict[str, Any]]:
+    """Runs of the chain with a true motion nearby over the whole time."""
+    return [r for r in chaos()["runs"].values() if (r["shadow"].get("until_s") or 0.0) > 0.999 * chain_span()]
+
+
+def chain_span() -> float:
+    """[s] the time of the chain's runs."""
+    return float(max(r["t_reached_s"] for r in chaos()["runs"].values() if r["t_reached_s"]))
+
+
+def shadowed() -> str:
+    """``24 of 29``: codes whose motion has a true one nearby over the whole time."""
+    return f"{len(_shadows())} of {len(chaos()['runs'])}"
+
+
+def late_errors() -> str:
+    """``0.36 to 0.72``: their errors at the end [m]."""
+    return _span([r["error_m"][f"{chain_span():g}"] for r in _shadows()])
+
+
+def shadow_distances() -> str:
+    """Their rms distances from those true motions [m]."""
+    return _span([r["shadow"]["rms_m"] for r in _shadows()])
+
+
+def _span(values: Sequence[float]) -> str:
+    return f"{number(min(values), 2)} to {number(max(values), 2)}"
+
+
+def shadow(solver: str) -> float:
+    """The rms distance [m] of one of them."""
+    found = one([r for r in _shadows() if r["solver"] == solver], f"a shadow of {solver!r} over the whole time")
+    return float(found["shadow"]["rms_m"])
+
+
+def ensembles_that_differ() -> str:
+    """``3 of 9``: ensembles that chance alone explains in less than ``LEVEL`` of cases, all their tests together."""
+    found = [[score["p"] for score in of.values() if isinstance(score, dict)] for of in chaos()["ensembles"].values()]
+    return f"{sum(min(p) * len(p) < LEVEL for p in found)} of {len(found)}"
 
 
 def growth(problem: str) -> float:
@@ -319,9 +416,11 @@ def draw_growth() -> Figure:
     return figure
 
 
-TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cost_table, "forms": forms_table}
+TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cost_table, "forms": forms_table,
+                                          "engines": engine_table}  # fmt: skip
 FIGURES: dict[str, Callable[[], Figure]] = {"frontier": draw_frontier, "growth": draw_growth}
-NAMES: dict[str, Any] = {f.__name__: f for f in (claim, count, judged, found, where, share, judged_none, borderline,
-                         runs, solvers, false_successes, engines_published, growth, point, drift, cheapest, paper,
-                         objections, plural, format_measured, fails, met,
-                         judged_twice)} | {"factor": f"{FACTOR:g}"}  # fmt: skip
+NAMES: dict[str, Any] = {f.__name__: f for f in (
+    claim, count, judged, judged_twice, judged_none, found, where, share, fails, met, borderline, objections, runs,
+    solvers, false_successes, point, drift, cheapest, growth, paper, plural, format_measured, contest, engines, within,
+    engines_lead, chain_span, shadowed, late_errors, shadow_distances, shadow, ensembles_that_differ,
+)} | {"factor": f"{FACTOR:g}"}  # fmt: skip

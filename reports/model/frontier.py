@@ -47,6 +47,12 @@ class Frontier:
     places: tuple[Place, ...]
     missed: tuple[str, ...]
     refused: tuple[Run, ...]
+    stated: float  # error of the reference, in the unit of the target; NaN if not known
+
+    @property
+    def is_below_reference(self) -> bool:
+        """Whether the exact motion is known no better than the target: who reaches it is not certain."""
+        return self.target < self.stated
 
     @property
     def is_led_by_engine(self) -> bool:
@@ -96,7 +102,8 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
             missed.append(solver)
     best.sort(key=lambda r: r.cpu_s)
     places = tuple(replace(r, factor=r.cpu_s / best[0].cpu_s) for r in best)
-    return Frontier(variant.title, measure.what, measure.unit, target, places, tuple(missed), tuple(refused))
+    parts = places, tuple(missed), tuple(refused)
+    return Frontier(variant.title, measure.what, measure.unit, target, *parts, measure.own)
 
 
 def reach(runs: Sequence[Run], measure: Measure, target: float) -> Place | None:

@@ -1,5 +1,6 @@
 """The independent checker agrees with honest bundles, finds planted changes and refuses hostile files in one line."""
 
+import ast
 import hashlib
 import importlib.util
 import io
@@ -133,6 +134,20 @@ PLANTED = {
     ),
     "the reference": change_reference,
 }
+
+
+def test_the_checker_is_one_short_file_that_imports_numpy_alone():
+    """Beside the standard library: whoever doubts mbsbench can read it through, and nothing of mbsbench answers."""
+    text = PROGRAM.read_text(encoding="utf-8")
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        assert not (isinstance(node, ast.Name) and node.id in {"__import__", "eval", "compile"})
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add("" if node.level else node.module.partition(".")[0])
+    assert len(text.splitlines()) <= 400 and {p.name for p in PROGRAM.parent.glob("*.py")} == {PROGRAM.name}
+    assert found - set(sys.stdlib_module_names) == {"numpy"} and "importlib" not in found
 
 
 @pytest.mark.parametrize("kind", ["thin", "lossless"])

@@ -82,6 +82,29 @@ def test_it_says_what_the_published_verdicts_say(article, built):
     assert f"Of {len(own)} claims of the paper" in page and f"distinct run, {refuted} in none" in page
 
 
+def test_it_says_what_the_published_contest_and_motions_say(article, built):
+    """Counted over solvers of the catalogue instead of by problem; where an engine leads stands first."""
+    import json
+
+    from mbsbench.harness.catalogue.registry import engines
+
+    contests, chaos = (
+        json.loads((ROOT / "results" / "published" / name).read_text(encoding="utf-8"))
+        for name in ("engines/contests.json", "chaos.json")
+    )
+    leads = {}
+    for one in contests["contests"]:
+        costs = {who: pair["best"]["cpu_s"] for who, pair in one["pairs"].items()
+                 if pair["best"]["error"] is not None and pair["best"]["error"] <= contests["target"]}  # fmt: skip
+        leads[one["problem"]] = min(costs, key=costs.get).split()[0] in engines()
+    page = built[0].read_text(encoding="utf-8")
+    assert f"cheapest code on {sum(leads.values())} of {len(leads)} problems" in page
+    rows = [row[0].replace(" ", "_") for row in article.data.engine_table()[1]]
+    assert [leads[name] for name in rows] == sorted(leads.values(), reverse=True)
+    found = [r["shadow"].get("until_s") == r["t_reached_s"] == 20.0 for r in chaos["runs"].values()]
+    assert f"For {sum(found)} of {len(found)} codes" in page
+
+
 def test_latex_takes_it(built):
     """Three to five pages without a line that runs over; in CI the compiler must be there."""
     if not shutil.which("pdflatex"):

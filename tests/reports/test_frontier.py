@@ -96,6 +96,16 @@ def test_the_page_names_the_cheapest_where_two_reach_an_error(tmp_path):
     assert page.count('<td class="n" data-v="2">') >= 2 and "alpha is cheapest on 1 of 1 problem" in page
 
 
+def test_errors_below_that_of_the_reference_are_marked(tmp_path):
+    """Who is nearer to a motion that is itself known to 3e-5 m may be further from the true one."""
+    for solver in ("alpha", "beta"):
+        ladder(tmp_path, solver, 4.0, 1e-3, reference_own_error_m=3e-5)
+    found = frontiers(read_results(tmp_path))
+    assert {f.target: f.is_below_reference for f in found} == {f.target: f.target < 3e-5 for f in found}
+    page = (site.build(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
+    assert page.count("Below the stated error") == sum(f.target < 3e-5 for f in found) > 0
+
+
 def test_a_presentation_has_no_frontier(tmp_path):
     """The problem in another unit costs what the problem costs."""
     for solver in ("alpha", "beta"):

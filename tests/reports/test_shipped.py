@@ -46,6 +46,28 @@ def test_the_tables_of_the_page_on_engines_are_what_is_published():
     """Made by docs/list_engines.py, which publishes nothing of a changed checkout."""
     page = list_engines.PAGE.read_text(encoding="utf-8")
     assert list_engines.TABLES.findall(page) == [list_engines.tables()]
+    assert list_engines.FRONTIER.findall(page) == [list_engines.frontier_table()]
+
+
+def test_the_frontier_is_published_with_losses_first(tmp_path, monkeypatch):
+    """error = 0.1 dt and CPU = c/dt: 1e-3 costs 100 c, an engine's 50 on one of two; its bound is 1e-4 here."""
+    monkeypatch.setattr(list_engines, "COSTS", tmp_path / "frontier.json")
+    for problem, solver, c in (
+        ("arm", "alpha", 1.0), ("arm", "mujoco", 8.0), ("arm", "beta", 2.0),
+        ("bar", "alpha", 1.0), ("bar", "mujoco", 0.5),
+    ):  # fmt: skip
+        for k in range(8):
+            dt = 0.1**k
+            put(tmp_path / "results", record(f"{problem}{solver}{k}", solver, problem=problem, dt_s=dt, commit="a",
+                position_error_max_m=0.1 * dt, reference_own_error_m=1e-4, cpu_min_s=c / dt, cpu_median_s=c / dt,
+                cpu_max_s=1.5 * c / dt))  # fmt: skip
+    (tmp_path / "results" / "environment.json").write_text('{"commit": "a", "cpu": "none"}')
+    list_engines.publish(tmp_path / "results")
+    rows = [line for line in list_engines.frontier_table().splitlines() if line.startswith(("| arm", "| bar"))]
+    assert rows == [
+        "| bar | **`mujoco`** 50 s, 1.5; 2, 1 | **`mujoco`** 5e+04 s, 1.5; 2, 1 † | – | – |",
+        "| arm | `alpha` 1e+02 s, 1.5; 2, 8 | `alpha` 1e+05 s, 1.5; 2, 8 † | – | – |",
+    ]
 
 
 def test_the_page_on_engines_lists_what_their_adapters_take():
