@@ -29,7 +29,7 @@ from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.model.variants import broadest
 from mbsbench.reports.model.words import join_words, number, seconds
 from mbsbench.reports.pages.runs.overview import ENGINES, false_successes
-from mbsbench.reports.plots.printed import save
+from mbsbench.reports.plots.paper import save
 from mbsbench.reports.plots.spec import looks
 from mbsbench.reports.publication import figures_of
 

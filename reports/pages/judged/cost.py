@@ -128,7 +128,7 @@ class Growth:
 
 def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
     """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
-    timed = [c for c in runs if c.succeeded and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
+    timed = [c for c in runs if c.is_success and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
     sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
     found = group_by(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words, c.record.t_end_s))
     out = []
@@ -146,7 +146,7 @@ def growths_of(results: Results) -> list[Growth]:
     bodies: dict[str, int] = {}
     for variant in results.variants:
         if variants[variant.problem] > 1:  # its runs have the same bodies: one series file is enough
-            some = next((s for c in variant.runs if c.succeeded and (s := results.series(c)) is not None), None)
+            some = next((s for c in variant.runs if c.is_success and (s := results.series(c)) is not None), None)
             bodies |= {c.record.run_id: bodies_in(some) for c in variant.runs} if some is not None else {}
     return growths(results.runs, bodies)
 
