@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from ..mechanism.segments import Picture
-from ..plots.paper import INK, MUTED
+from ..plots.paper import INK, MUTED, plain
 
 BODY = "#c9d3dd"
 LENGTH = 0.16  # of the picture: axes of space and gravity
@@ -14,7 +14,7 @@ WIDTHS = 5.0, 2.4  # [pt] of a body, with few of them and with many
 
 
 def draw_sketch(ax: Axes, p: Picture) -> None:
-    """Bodies, joints, hatched supports, the axes of space and gravity, and the names of the first and the last body."""
+    """Bodies, joints, hatched supports, axes of space, gravity, names of the first and the last of several bodies."""
     ax.set_axis_off()
     ax.set_aspect("equal")
     points = np.concatenate((p.lines.reshape(-1, 2), p.ground))
@@ -28,14 +28,14 @@ def draw_sketch(ax: Axes, p: Picture) -> None:
         ax.add_patch(Polygon(corners, facecolor="none", edgecolor=INK, linewidth=0.7, hatch="/////", zorder=0.5))
     ax.plot(*p.joints.T, "o", color="white", markersize=width, markeredgecolor=INK, markeredgewidth=0.7, zorder=4)
     for name, way in p.arrows:
-        start = [high[0] + 0.2 * size, high[1]] if name == "g" else low - 0.3 * size
+        start = [high[0] + 0.32 * size, high[1]] if name == "g" else low - 0.3 * size
         ends = np.array([start, start + LENGTH * size * way])
         ax.update_datalim(ends)
         ax.annotate("", ends[1], ends[0], annotation_clip=False,
                     arrowprops={"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "color": MUTED})  # fmt: skip
         _write(ax, f"${name}$", ends[1], 8.0 * way, MUTED)
-    for name, at in p.names:
-        _write(ax, name.replace("_", " "), at, np.array([0.0, -11.0]), INK)
+    for name, at in p.names if len(p.names) > 1 else ():  # outwards, where bars are few
+        _write(ax, plain(name), at, np.array([np.copysign(24.0, at[0] - 0.5 * (low + high)[0]), -6.0]), INK)
 
 
 def _write(ax: Axes, words: str, at: np.ndarray, away: np.ndarray, colour: str) -> None:

@@ -192,7 +192,7 @@ def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
 
 def test_ends_are_marked_and_settings_named(built):
     d = drawing_of(built[0])
-    found = {t.solver: t for t in traces(d.drawn("energy_error", d.lines), (0.0, 1.0))}
+    found = {t.solver: t for t in traces(d.match_lines("energy_error", d.lines), (0.0, 1.0))}
     assert found["delta"].end == "failed" and "step underflow at 0.7 s" in found["delta"].name
     assert found["beta"].end == "wrong" and found["delta"].urls == ("dd01",)
     assert float(found["delta"].x[-1]) == pytest.approx(0.7)
