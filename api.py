@@ -218,7 +218,7 @@ def _draw_figure(record: RunRecord, series: Series) -> "Figure":
     from .reports.model.results import read_results
     from .reports.plots.laws import Drawing, errors, laws
     from .reports.plots.lines import all_lines, shared_options
-    from .reports.plots.printed import figure, style
+    from .reports.plots.paper import figure, style
     from .reports.plots.spec import looks
 
     with tempfile.TemporaryDirectory() as place:

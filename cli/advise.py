@@ -11,7 +11,7 @@ from rich.text import Text
 from ..harness.catalogue import registry
 from ..harness.execution.runner import Request
 from ..harness.races.cheapest import Candidate, cost_of, rank
-from ..harness.reference.computed import Source, is_computable, source_of
+from ..harness.reference.computation import Source, is_computable, source_of
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.sandbox.trial import make_problem

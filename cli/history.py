@@ -1,4 +1,4 @@
-"""``history``: how the result of each run has developed over results folders and commits."""
+"""``history``: each run over results folders and commits, those whose status changed first."""
 
 import argparse
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ def _print_rows(rows: Sequence[Row], metric: str) -> None:
     for r in rows:
         by_run.setdefault(r.settings_id, []).append(r)
     shown = []
-    for line in sorted(by_run.values(), key=lambda line: line[-1].case):
+    for line in sorted(by_run.values(), key=lambda line: (len({r.status for r in line}) == 1, line[-1].case)):
         values = [getattr(r, metric) for r in line]
         last = line[-1]
         style = "green" if last.status == "success" else "yellow"

@@ -188,7 +188,7 @@ def _describe(name: str) -> dict[str, Any]:
     Empty where it cannot be made, which is for ``check`` to say.
     """
     from ..harness.catalogue import registry
-    from ..harness.reference.computed import Source, source_of
+    from ..harness.reference.computation import Source, source_of
     from ..harness.types import kind_of
 
     with contextlib.suppress(Exception):

@@ -14,7 +14,7 @@ def run(arguments: argparse.Namespace) -> int:
     folders = [find_results(name) for name in arguments.results]
     if arguments.out is not None and len(folders) < 2:
         raise UsageError("--out needs two results folders to compare; the report of one is written into it")
-    from ..reports.pages.change.compare import write_compare  # here: they take a second to load
+    from ..reports.pages.compare import write_compare  # here: they take a second to load
     from ..reports.site import build
 
     if len(folders) == 1:

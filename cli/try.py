@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _write_pages(arguments: argparse.Namespace, folder: Path, *tried: Any) -> Iterator[str]:
     """Write the pages asked for, of what was ``tried``, and say where they are."""
     if arguments.html:
-        from ..reports.tried import write_page
+        from ..reports.trial import write_page
 
         write_page(arguments.html, folder, *tried)
         yield f"page: {arguments.html}"

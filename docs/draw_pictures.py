@@ -29,7 +29,7 @@ from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.model.variants import broadest
 from mbsbench.reports.model.words import join_words, number, seconds
 from mbsbench.reports.pages.runs.overview import ENGINES, false_successes
-from mbsbench.reports.plots.printed import save
+from mbsbench.reports.plots.paper import save
 from mbsbench.reports.plots.spec import looks
 from mbsbench.reports.publication import figures_of
 
@@ -184,8 +184,8 @@ def _count(x: int, y: int, r: RunRecord, series: Series, colour: str) -> list[st
         shown = ["1" if k == i else "0" for i in range(COUNTS)]
         inside = _moved("opacity", shown, "discrete")
         last = "1" if k == COUNTS - 1 else "0"
-        out.append(_text(x, y, f"off by {value:.1f} mm", colour, f' opacity="{last}"', inside))
-    verdict = f"says {r.claimed}, is {r.status}: energy off by {number(r.energy_drift_max_J, 2)} J"
+        out.append(_text(x, y, f"position error {value:.1f} mm", colour, f' opacity="{last}"', inside))
+    verdict = f"says {r.claimed}, is {r.status}: energy error {number(r.energy_drift_max_J, 2)} J"
     return [*out, _text(x, y + 25, verdict, colour)]
 
 

@@ -49,13 +49,13 @@ def andrews(
     angle, centre, points = _poses(q)
     R = frames(angle)
 
-    def seen(body: int, point: Float[np.ndarray, " 2"]) -> np.ndarray:
+    def body_coordinates(body: int, point: Float[np.ndarray, " 2"]) -> np.ndarray:
         return R[body].T @ np.append(point - centre[body], 0.0)
 
     def hinge(name: str, i: int, j: int = GROUND) -> Joint:
         at = points[name]
-        other = np.append(at, 0.0) if j == GROUND else seen(j, at)
-        return Joint(i, seen(i, at), j, other, AXIS, OZ if j == GROUND else AXIS, name)
+        other = np.append(at, 0.0) if j == GROUND else body_coordinates(j, at)
+        return Joint(i, body_coordinates(i, at), j, other, AXIS, OZ if j == GROUND else AXIS, name)
 
     names = ("OF", "FE", "BDE", "GE", "AG", "HE", "AH")
     bodies = [RigidBody(m, np.diag([0.5, 1.0, 0.5]) * I, n) for m, I, n in zip(MASS, INERTIA, names, strict=True)]
@@ -63,9 +63,9 @@ def andrews(
         hinge("O", 0), hinge("F", 1, 0), hinge("E", 1, 2), hinge("E", 3, 2), hinge("E", 5, 2), hinge("B", 2),
         hinge("G", 3, 4), hinge("A", 4), hinge("A", 6), hinge("H", 5, 6),
     ]  # fmt: skip
-    spring = SpringDamper(2, seen(2, points["D"]), GROUND, (*C, 0.0), STIFFNESS, REST_LENGTH)
+    spring = SpringDamper(2, body_coordinates(2, points["D"]), GROUND, (*C, 0.0), STIFFNESS, REST_LENGTH)
     rest = np.zeros((7, 3))
-    F = seen(0, points["F"])
+    F = body_coordinates(0, points["F"])
     return Problem(
         "andrews",
         assemble(bodies, joints, springs=[spring], loads=[Load(0, torque=(0.0, 0.0, drive))]),

@@ -3,7 +3,7 @@
 Numbers: Sect. 5.3: 15 bars of 1 kg and 0.3048 m, supports A, B, C, D 0.9144 m apart, that is 3/5 of the length of the
 five bars of a span; ``span_ratio`` keeps this for other numbers of links, with bars of the same size. The axial
 inertia is not given: 1e-4 kg m2, which planar motion does not see. Start: the equilibrium of rigid bars, computed.
-Reference: planar, certified (problems/exact/certified, docs/decisions); the motion is chaotic and it ends after 5.3 s.
+Reference: planar, certified (exact/certification, docs/decisions); the motion is chaotic and it ends after 5.3 s.
 """
 
 from functools import partial
@@ -20,7 +20,7 @@ from ..harness.mechanics.motion import energy, kinetic_energy, point_position, p
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
 from ..harness.types import Observable, Problem, Trait
-from .exact.certified import CertifiedMotion
+from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
 from .exact.linkage_motion import linkage_motion, planar_angles
 

@@ -4,7 +4,7 @@ Numbers: Sect. 5.5: 5 x 5 cells, bars of 1 m and 1 kg, revolute joints along OX,
 energy drift of 1 J allowed. "Negligible" axial inertia: 1e-4 kg m2, which planar motion does not see. The wording
 ("the six top bodies") sets only the top row turning (``top_row``: the rows below translate); ``all_rows`` turns all.
 Reference: every row stays a set of parallel bars, so it moves as one rod with the mass of its verticals, the
-horizontals riding on its end; certified (problems/exact/certified, docs/decisions).
+horizontals riding on its end; certified (problems/exact/certification, docs/decisions).
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
 from ..harness.types import Observable, Problem, Trait
-from .exact.certified import CertifiedMotion
+from .exact.certification import CertifiedMotion
 from .exact.linkage import Linkage
 from .exact.linkage_motion import linkage_motion, planar_angles
 

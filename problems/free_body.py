@@ -21,7 +21,7 @@ from ..harness.mechanics.system import MultibodySystem, RigidBody, assemble
 from ..harness.types import Invariant, Observable, Problem, ReferenceKind
 from .exact.balls import in_balls, nearest_rotation, vector
 from .exact.one_body import pinned_motion
-from .exact.pinned import FINAL, PinnedBody, PinnedMotion
+from .exact.pinned_body import FINAL, PinnedBody, PinnedMotion
 from .exact.theta import UNIT
 
 Triple = tuple[float, float, float]

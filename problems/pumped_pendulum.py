@@ -6,7 +6,7 @@ as a point mass, and the ball does not turn. With theta from the vertical and N 
     L theta'' + 2 L' theta' + g sin(theta) = 0,    N = m (L theta'^2 + g cos(theta) - L'')
 
 Small swings grow where w is about twice their own frequency sqrt(g / l) (Landau and Lifshitz, Mechanics, 27). Numbers
-chosen. Reference: theta by DOP853, certified by the position of C with N as the multiplier (problems/exact/certified).
+chosen. Reference: theta by DOP853, certified by the position of C with N as the multiplier (exact/certification).
 """
 
 import math
@@ -26,7 +26,7 @@ from ..harness.reference.extrapolation import each
 from ..harness.reference.orbit import Pair
 from ..harness.types import Observable, Problem, Trait
 from .exact import planar
-from .exact.certified import CertifiedMotion, certified_orbit
+from .exact.certification import CertifiedMotion, certified_orbit
 
 LENGTH = 1.0  # [m], l
 RADIUS = 0.1  # [m] of the ball, which is solid

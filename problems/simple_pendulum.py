@@ -22,7 +22,7 @@ from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody
 from ..harness.types import Observable, Problem, Reference
 from .exact.link import link_motion
 from .exact.one_body import one_body_motion
-from .exact.pinned import PinnedMotion
+from .exact.pinned_body import PinnedMotion
 from .exact.planar import AXIS, OZ, frames
 
 IN_PLANE = np.array([[1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])  # entries of R that are not zero

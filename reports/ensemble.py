@@ -11,7 +11,8 @@ from ..harness.ensemble.verdict import Comparison
 from ..harness.results import environment
 from .model.words import number
 from .plots.spec import Axis, Plot, Trace, looks
-from .tried import draw_chart, write_file
+from .rendering import write_file
+from .trial import draw_chart
 
 TRUE = "truth"
 SHARES = ((0.05, 0.95), (0.25, 0.75))  # quantiles of the bands, one over the other

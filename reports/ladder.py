@@ -7,13 +7,15 @@ import numpy as np
 
 from ..harness.ladder.ranking import TARGET, Row
 from .plots.spec import Axis, Plot, Trace, looks
-from .tried import draw_chart, write_file
+from .rendering import write_file
+from .trial import draw_chart
 
 
 def write_page(path: Path, rows: Sequence[Row]) -> None:
     """Write ``path``: the table of ``rows``, and error against CPU time."""
-    chart = draw_chart("", [_plot(rows)], looks(r.solver for r in rows), columns=1)
-    write_file(path, "ladder.html", rows=rows, target=TARGET, image=chart["image"])
+    words = "Error against CPU time at each setting, with the same intervals."
+    charts = [draw_chart(words, [_plot(rows)], looks(r.solver for r in rows), columns=1)]
+    write_file(path, "ladder.html", title="Ladder", rows=rows, target=TARGET, charts=charts, stamp="")
 
 
 def _plot(rows: Sequence[Row]) -> Plot:

@@ -16,10 +16,10 @@ from .model.margin import LEVELS
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
 from .plots.laws import draw_runs, laws
-from .plots.printed import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, sheet
+from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, sheet
 from .plots.spec import Plot, Trace, looks
 from .plots.work import plots_of
-from .tried import render_file
+from .rendering import render
 
 FOLDER = "publication"
 SUFFIXES = ("pdf", "svg")
@@ -64,7 +64,7 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
     if picture := heat(results):
         keep((OVERVIEW, HEAT, DOUBLE, partial(heat_figure, picture)), out)
     for variant in variants:
-        files += write_tables([variant], out / variant.slug, rounded=True)
+        files += write_tables([variant], out / variant.slug)
         for printed in figures_of(results, variant):
             keep(printed, out / variant.slug, variant.title)
         maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
@@ -72,7 +72,8 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
         tell(f"{variant.title}: {len(variant.runs)} runs{left}")
     (out / "captions.json").write(json.dumps(captions, indent=1, ensure_ascii=False))
     names = {f"{p.slug}/{p.slug}": p.title for p in variants}
-    page = render_file("publication.html", figures=captions, tables=names, title=results.folder.name)
+    title = f"Figures and tables of {results.folder.name}"
+    page = render("publication.html", figures=captions, tables=names, title=title, charts=(), stamp="")
     (out / "index.html").write(page)
     return files
 
@@ -94,7 +95,7 @@ def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
             plots = {p.name: p for p in chapter.plots} if chapter else {}
             empty = np.zeros(0)
             unseen = [Trace(k.words, empty, empty, solver=k.run.record.solver, who=k.who, dash=k.dash)
-                      for k in drawing.lines if not drawing.motions[k.run.record.run_id].moved]  # fmt: skip
+                      for k in drawing.lines if not drawing.motions[k.run.record.run_id].has_steps]  # fmt: skip
             draw = partial(figure, looks=own, unseen=unseen)
             title = f"{variant.title}, {label or 'all runs'}"
             for name, panels in ALONE.items():

@@ -10,7 +10,8 @@ from ..harness.results.findings import Finding
 from ..harness.shadow.findings import nearest_of
 from ..harness.shadow.shadow import Shadow
 from .plots.spec import Axis, Look, Plot, Trace
-from .tried import draw_chart, write_file
+from .rendering import write_file
+from .trial import draw_chart
 
 COLOURS = ("#3D62C7", "#62AF96", "#E08906", "#BB3939", "#A499CF")  # of as many bodies
 PATHS = 3  # bodies whose paths are drawn: the first, the middle and the last
@@ -41,7 +42,7 @@ def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence
     ]
     stamp = f"{NOTE} Commit {environment.commit()[:12] or 'not recorded'}."
     summary = nearest_of(s, None).words or found[0].measured.text
-    write_file(path, "tried.html", title=title, summary=summary, findings=found, charts=charts, stamp=stamp)
+    write_file(path, "trial.html", title=title, card=None, summary=summary, findings=found, charts=charts, stamp=stamp)
 
 
 def _spread(n: int, most: int) -> list[int]:

@@ -56,10 +56,10 @@ class GcAugmentedLagrangian(GaugeChoices):
     order: ClassVar[float] = 2.0
 
     @property
-    def printed(self) -> bool:
+    def follows_paper(self) -> bool:
         """Sect. 4.3: nested loop, mu_bar and lambda_bar, raised penalties, nothing accepted above the tolerance."""
         loop = self.loop == "nested" and self.lambda_bar and self.penalty_growth > 1.0
-        return super().printed and loop and self.correct_pose == "never" and self.accept <= self.tolerance
+        return super().follows_paper and loop and self.correct_pose == "never" and self.accept <= self.tolerance
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Only incompatible options."""

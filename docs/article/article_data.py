@@ -29,7 +29,7 @@ from mbsbench.reports.model.catalogue import is_engine
 from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured
 from mbsbench.reports.model.frontier import least
 from mbsbench.reports.model.words import number, plural
-from mbsbench.reports.plots.printed import DOUBLE, INK, SINGLE, sheet
+from mbsbench.reports.plots.paper import DOUBLE, INK, SINGLE, sheet
 from mbsbench.reports.plots.spec import looks
 
 OURS = re.compile(r"beyond-|.*-control|.*-ida$|.*-lower-index-")  # asked by us of other methods, not said in the paper

@@ -27,7 +27,7 @@ from jinja2.ext import Extension
 
 from mbsbench.harness.places import Place
 from mbsbench.reports.model.words import number
-from mbsbench.reports.plots.printed import save
+from mbsbench.reports.plots.paper import save
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE / "article.j2"

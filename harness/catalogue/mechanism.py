@@ -93,7 +93,7 @@ class CompiledMechanism(Mechanism):
     roots: tuple[int, ...] = field(init=False)  # the first of MuJoCo's bodies of each of ours
 
     @cached_property
-    def _taken(self) -> "Taken":
+    def _joint_choice(self) -> "Taken":
         return find_joints(self.mj, self.model)
 
     def __post_init__(self) -> None:
@@ -133,7 +133,7 @@ class CompiledMechanism(Mechanism):
 
     def state(self, qpos: tuple[float, ...], qvel: tuple[float, ...]) -> State:
         """The bodies in MuJoCo's coordinates."""
-        mj, m, d = self.mj, self.model, self._placed(qpos)
+        mj, m, d = self.mj, self.model, self._place_model(qpos)
         r, R = self._poses(d)
         both = np.zeros((len(r), 2, 3))
         for n, root in enumerate(self.roots):
@@ -144,7 +144,7 @@ class CompiledMechanism(Mechanism):
 
     def system(self) -> MultibodySystem:
         """Joints are those of the reference coordinates, as in MuJoCo."""
-        m, d, off = self.model, self._placed(self.model.qpos0), self.mj.mjtDisableBit
+        m, d, off = self.model, self._place_model(self.model.qpos0), self.mj.mjtDisableBit
         r, R = self._poses(d)
         at = _Places(np.concatenate((r, np.zeros((1, 3)))), np.concatenate((R, np.eye(3)[None])), d, self._ours())
         loops = [] if m.opt.disableflags & off.mjDSBL_EQUALITY else self._loops(at)
@@ -156,7 +156,7 @@ class CompiledMechanism(Mechanism):
             torsions=self._torsions(at),
         )  # fmt: skip
 
-    def _placed(self, qpos: Any) -> Any:
+    def _place_model(self, qpos: Any) -> Any:
         d = self.mj.MjData(self.model)
         d.qpos[:] = qpos
         self.mj.mj_kinematics(self.model, d)
@@ -182,7 +182,7 @@ class CompiledMechanism(Mechanism):
             principal, s = d.ximat[b].reshape(3, 3), d.xipos[b] - r
             values = np.where(m.body_inertia[b] > NO_INERTIA, m.body_inertia[b], 0.0)
             J += (principal * values) @ principal.T + m.body_mass[b] * (s @ s * np.eye(3) - np.outer(s, s))
-        armature = sum(float(self.model.dof_armature[m.jnt_dofadr[k]]) for k in self._taken.armatures if
+        armature = sum(float(self.model.dof_armature[m.jnt_dofadr[k]]) for k in self._joint_choice.armatures if
                        m.jnt_bodyid[k] == self.roots[n])  # fmt: skip
         J = R.T @ J @ R + armature * np.eye(3)  # about an axis at rest only the inertia about it counts
         return RigidBody(float(np.sum(m.body_mass[parts])), 0.5 * (J + J.T), m.body(self.roots[n]).name)
@@ -195,8 +195,8 @@ class CompiledMechanism(Mechanism):
         name = "+".join(m.joint(k).name or m.body(root).name for k in own)
         parent = at.ours[m.body_parentid[root]]
 
-        def joined(kind: JointKind, point: np.ndarray, i: Any = None, j: Any = None, across: Any = None) -> Joint:
-            here, there = at.turned(n), at.turned(parent)
+        def make_joint(kind: JointKind, point: np.ndarray, i: Any = None, j: Any = None, across: Any = None) -> Joint:
+            here, there = at.make_turn(n), at.make_turn(parent)
             return Joint(
                 n, at.point(n, point), parent, at.point(parent, point), here(i), there(j), name, kind, here(across),
                 there(across),
@@ -208,25 +208,25 @@ class CompiledMechanism(Mechanism):
             case "F" | "SSSB":
                 return []
             case "B":
-                return [joined(JointKind.SPHERICAL, points[0])]
+                return [make_joint(JointKind.SPHERICAL, points[0])]
             case "HHH" if one_point and abs(np.linalg.det(axes)) > NEAR:
-                return [joined(JointKind.SPHERICAL, points[0])]
+                return [make_joint(JointKind.SPHERICAL, points[0])]
             case "H":
-                return [joined(JointKind.REVOLUTE, points[0], axes[0], axes[0])]
+                return [make_joint(JointKind.REVOLUTE, points[0], axes[0], axes[0])]
             case "S":
-                return [joined(JointKind.PRISMATIC, points[0], axes[0], axes[0], _normal(axes[0]))]
+                return [make_joint(JointKind.PRISMATIC, points[0], axes[0], axes[0], _normal(axes[0]))]
             case "HH" if one_point and along[0] < NEAR:
-                return [joined(JointKind.UNIVERSAL, points[0], axes[1], axes[0])]
+                return [make_joint(JointKind.UNIVERSAL, points[0], axes[1], axes[0])]
             case "SH" | "HS" if along[0] > 1.0 - NEAR:
-                return [joined(JointKind.CYLINDRICAL, points[letters.index("H")], axes[0], axes[0])]
+                return [make_joint(JointKind.CYLINDRICAL, points[letters.index("H")], axes[0], axes[0])]
             case "SB":
-                return [joined(JointKind.ON_LINE, points[1], None, axes[0])]
+                return [make_joint(JointKind.ON_LINE, points[1], None, axes[0])]
             case "SSB":
-                return [joined(JointKind.ON_PLANE, points[2], None, np.cross(axes[0], axes[1]))]
+                return [make_joint(JointKind.ON_PLANE, points[2], None, np.cross(axes[0], axes[1]))]
             case "SSH" if max(along) < NEAR:
                 e = _normal(axes[2])
                 corners = (points[2], points[2] + e, points[2] + np.cross(axes[2], e))
-                return [joined(JointKind.ON_PLANE, p, None, axes[2]) for p in corners]
+                return [make_joint(JointKind.ON_PLANE, p, None, axes[2]) for p in corners]
         kinds = ", ".join({"F": "free", "B": "ball", "S": "slide", "H": "hinge"}[c] for c in letters)
         raise ValueError(f"body {m.body(root).name!r}: its joints ({kinds}) make none that is known here")
 
@@ -271,14 +271,14 @@ class CompiledMechanism(Mechanism):
     def _torsions(self, at: "_Places") -> list[TorsionSpring]:
         """Springs and dampers of hinges: the angle is that from the reference coordinates."""
         m, out = self.model, []
-        for k in sorted({*self._taken.turning_springs, *self._taken.turning_dampers}):
+        for k in sorted({*self._joint_choice.turning_springs, *self._joint_choice.turning_dampers}):
             n = at.ours[m.jnt_bodyid[k]]
             parent = at.ours[m.body_parentid[self.roots[n]]]
             axis = at.data.xaxis[k]
             across = _normal(axis)
-            stiffness = float(m.jnt_stiffness[k]) if k in self._taken.turning_springs else 0.0
-            damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._taken.turning_dampers else 0.0
-            here, there = at.turned(n), at.turned(parent)
+            stiffness = float(m.jnt_stiffness[k]) if k in self._joint_choice.turning_springs else 0.0
+            damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.turning_dampers else 0.0
+            here, there = at.make_turn(n), at.make_turn(parent)
             out.append(TorsionSpring(n, here(across), parent, there(axis), there(across), stiffness,
                                      self._rest(k), damping))  # fmt: skip
         return out
@@ -286,15 +286,15 @@ class CompiledMechanism(Mechanism):
     def _slide_springs(self, at: "_Places") -> list[SpringDamper]:
         """Springs and dampers of slides: from a point of the axis far behind to one of the body."""
         m, out = self.model, []
-        for k in sorted({*self._taken.sliding_springs, *self._taken.sliding_dampers}):
+        for k in sorted({*self._joint_choice.sliding_springs, *self._joint_choice.sliding_dampers}):
             n = at.ours[m.jnt_bodyid[k]]
             parent = at.ours[m.body_parentid[self.roots[n]]]
             far = BEHIND * (1.0 + abs(self._rest(k)))
             points = [at.data.xanchor[j] for j in range(m.njnt) if m.jnt_bodyid[j] == m.jnt_bodyid[k]]
             here = points[-1]  # of a hinge or ball that slides along it, whose point stays on the axis
             p_i, p_j = at.point(n, here), at.point(parent, here - far * at.data.xaxis[k])
-            stiffness = float(m.jnt_stiffness[k]) if k in self._taken.sliding_springs else 0.0
-            damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._taken.sliding_dampers else 0.0
+            stiffness = float(m.jnt_stiffness[k]) if k in self._joint_choice.sliding_springs else 0.0
+            damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.sliding_dampers else 0.0
             out.append(SpringDamper(n, p_i, parent, p_j, stiffness, far + self._rest(k), damping))
         return out
 
@@ -358,7 +358,7 @@ class _Places:
         out: np.ndarray = self.R[n].T @ (p - self.r[n])
         return out
 
-    def turned(self, n: int) -> Callable[[Any], Any]:
+    def make_turn(self, n: int) -> Callable[[Any], Any]:
         return lambda a: None if a is None else self.R[n].T @ a
 
     def end(self, b: int, p: np.ndarray, turn: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:

@@ -48,7 +48,7 @@ class Forces:
 def find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample]) -> tuple[list[Joint], list[Joint]]:
     """Joints that leave the bodies no other freedom than the samples have, and all that hold; or ValueError."""
     masses = [not np.any(b.inertia) for b in bodies]
-    known = [j for i in range(len(bodies)) for k in range(GROUND, i) for j in _between(bodies, samples, i, k)]
+    known = [j for i in range(len(bodies)) for k in range(GROUND, i) for j in _find_joints(bodies, samples, i, k)]
     chosen, rank = list[Joint](), 0
     holding = [j for j in known if j.j == GROUND or j.sort != JointKind.ON_LINE or not masses[j.j]]
     for joint in sorted(holding, key=lambda j: -sum(ROWS[j.sort])):
@@ -76,7 +76,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
             angle, rate, push = _measure_angle(j, one.state, samples[0].state)
             found += [push, -angle * push, -rate * push]
         for j in sliding:
-            way, rate, push = _slid(j, one.state, samples[0].state)
+            way, rate, push = _slide(j, one.state, samples[0].state)
             found += [push, -way * push, -rate * push]
         columns.append(np.array([one.twists.T @ f.ravel() for f in found]).T)
     A, b = np.concatenate(columns), np.concatenate(needed)
@@ -109,7 +109,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
     return Forces(x[:3], tuple(springs), tuple(torsions))
 
 
-def _between(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: int) -> Iterator[Joint]:
+def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: int) -> Iterator[Joint]:
     """Joints that hold between two bodies; a point mass is taken for i."""
     from scipy.linalg import null_space
 
@@ -228,7 +228,7 @@ def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, 
     return float(np.arctan2(now @ np.cross(axis, e), now @ e)), float(rate), push
 
 
-def _slid(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
+def _slide(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
     """Way of i along the axis, its rate, and a force of 1 N along it on i."""
     (r_i, R_i), (r_j, R_j) = _pose(s, joint.i), _pose(s, joint.j)
     way = np.asarray(joint.axis_j)
@@ -263,7 +263,7 @@ def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:
 
 def _between_points(joint: Joint, samples: Sequence[Sample], push: float, k: float, c: float) -> SpringDamper:
     """Of two point masses on one line, which have no point beside their own."""
-    ways, rest = [_slid(joint, one.state, one.state)[0] for one in samples], _rest(joint, push, k)
+    ways, rest = [_slide(joint, one.state, one.state)[0] for one in samples], _rest(joint, push, k)
     side = np.sign(ways[0])
     if rest and np.any(np.sign(ways) != side):
         raise ValueError(f"the spring of {joint.name} has a length at rest, and its point masses pass each other")

@@ -125,7 +125,7 @@ class _Equations:
         out = []
         for b in self.parts:
             J = self.sm[0].zeros(3, 3) if self._is_point(b) else b.central_inertia.to_matrix(b.frame)
-            m, *entries = self._compiled([b.mass, *J])(*np.zeros(len(self.q) + len(self.u))).ravel()
+            m, *entries = self._compile([b.mass, *J])(*np.zeros(len(self.q) + len(self.u))).ravel()
             out.append(RigidBody(float(m), np.array(entries, dtype=float).reshape(3, 3), str(b.name)))
         return out
 
@@ -146,7 +146,7 @@ class _Equations:
             seen += [n for n in p._pos_dict if n not in seen]
         raise ValueError(f"no point at rest has a position to the mass of {self.parts[0].name}: give origin=O")
 
-    def _compiled(self, expressions: Any) -> Any:
+    def _compile(self, expressions: Any) -> Any:
         """A function of the numbers q and u; ValueError names symbols without value."""
         sp, me = self.sm
         names = sp.symbols(f"x:{len(self.q) + len(self.u)}", cls=sp.Dummy)
@@ -188,7 +188,7 @@ class _Equations:
             "closing": closing, "opening": closing.jacobian(q) if len(closing) else sp.zeros(0, len(self.q)),
             "allowed": restricted.jacobian(u) if len(restricted) else sp.zeros(0, len(self.u)),
         }  # fmt: skip
-        return {k: self._compiled(v) for k, v in made.items() if v.shape[0]}
+        return {k: self._compile(v) for k, v in made.items() if v.shape[0]}
 
     def _at(self, name: str, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
         found = self._numbers.get(name)
@@ -212,7 +212,7 @@ class _Equations:
 
         random, out = np.random.default_rng(0), list[Sample]()
         for reach in (0.0, *np.geomspace(REACH, 0.1 * REACH, 4 * STATES)):  # shorter, where a loop does not go so far
-            q = self._closed(start + reach * random.standard_normal(len(start)))
+            q = self._close_loops(start + reach * random.standard_normal(len(start)))
             if np.max(np.abs(self._at("closing", q)), initial=0.0) > CLOSED:
                 if not out:
                     raise ValueError("no pose near the start satisfies its configuration constraints")
@@ -239,7 +239,7 @@ class _Equations:
             twists.append(np.hstack((v, Omega)).ravel())
         return Sample(state, np.array(twists).reshape(-1, 6 * len(self.parts)).T, np.hstack((x_ddot[:, :3], spin)))
 
-    def _closed(self, q: np.ndarray) -> np.ndarray:
+    def _close_loops(self, q: np.ndarray) -> np.ndarray:
         for _ in range(50):
             gap = self._at("closing", q).ravel()
             if np.max(np.abs(gap), initial=0.0) < 0.1 * CLOSED:

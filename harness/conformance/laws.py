@@ -19,7 +19,7 @@ from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..metrics.scales import Scales, scales
-from ..reference.computed import compute_reference, is_computable
+from ..reference.computation import compute_reference, is_computable
 from ..results.findings import Finding, compare, fail, leave_open
 from ..types import Invariant, Observable, Problem, Reference
 

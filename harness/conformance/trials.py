@@ -10,7 +10,7 @@ import numpy as np
 
 from ..catalogue import registry
 from ..metrics.reactions import exact_moment_on_bodies, instants_to_compare, moment_on_bodies
-from ..reference.computed import reference_of
+from ..reference.computation import reference_of
 from ..results.findings import Finding, compare, fail, leave_open
 from ..results.records import RunRecord
 from ..results.series import Series
@@ -44,7 +44,7 @@ class Evidence:
         return [r for role, r in self.records.items() if role.startswith(roles)]
 
     @property
-    def returned(self) -> list[RunRecord]:
+    def runs_with_steps(self) -> list[RunRecord]:
         """All runs of which the solver returned steps."""
         return [r for r in self.records.values() if r.claimed and r.steps]
 
@@ -187,7 +187,7 @@ def check_moments(e: Evidence) -> Finding:
 
 def check_recording(e: Evidence) -> Finding:
     """Steps recorded over steps counted."""
-    shares = {r.case: r.steps / n for r in e.returned if (n := json.loads(r.counters).get("steps", 0)) > 0}
+    shares = {r.case: r.steps / n for r in e.runs_with_steps if (n := json.loads(r.counters).get("steps", 0)) > 0}
     if not shares:
         return leave_open("it has no counter named steps")
     case = max(shares, key=lambda k: abs(shares[k] - 1.0))
@@ -197,7 +197,7 @@ def check_recording(e: Evidence) -> Finding:
 def check_step_limit(e: Evidence) -> Finding:
     """The largest time between records over dt or max_step."""
     limit, column = ("dt", "dt_s") if e.control == "dt" else ("max_step", "max_step_s")
-    gaps = {r.case: gap for r in e.returned if math.isfinite(gap := r.step_max_s / getattr(r, column))}
+    gaps = {r.case: gap for r in e.runs_with_steps if math.isfinite(gap := r.step_max_s / getattr(r, column))}
     if not gaps:
         return leave_open("no run has steps")
     case = max(gaps, key=lambda k: gaps[k])

@@ -10,7 +10,7 @@ from ..metrics.measure import Measured, count_covered, stated_error
 from ..metrics.peaks import find_peaks, steps_to_keep, times_between, times_of_scales, times_to_keep
 from ..metrics.reactions import largest_joint_force
 from ..metrics.thinning import frames_to_keep, rows_to_keep
-from ..reference.computed import ComputedReference, Source, reference_of, source_of
+from ..reference.computation import ComputedReference, Source, reference_of, source_of
 from ..results.series import LARGEST, Series
 from ..types import Problem, Reference, Trajectory
 

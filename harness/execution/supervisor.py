@@ -16,7 +16,7 @@ from functools import partial
 
 from ..catalogue import registry
 from ..files import FileError
-from ..metrics import compiled
+from ..metrics import passes
 from ..results import store
 from ..results.records import RunRecord
 from ..sandbox.apart import Ended
@@ -105,7 +105,7 @@ def serve(orders: int, news: int) -> None:
             for order in reader.messages(chunk):
                 match order:
                     case Warm(specs, jobs):
-                        compiled.load()  # what measures
+                        passes.load()  # what measures
                         references = references_apart(jobs, lambda: _is_closed(orders))
                         os.write(news, line_of(Warmed({}, references)))
                         warm_apart_then_here(

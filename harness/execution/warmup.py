@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
-from ..reference.computed import LARGEST, reference_of
+from ..reference.computation import LARGEST, reference_of
 from ..results.naming import format_name
 from ..sandbox.apart import TICK, Apart
 from ..suites.spec import RunSpec

@@ -18,7 +18,7 @@ from ..execution.measuring import judge_motion
 from ..files import FileError
 from ..mechanics.state import States
 from ..places import Place
-from ..reference.computed import reference_of
+from ..reference.computation import reference_of
 from ..results import environment, store
 from ..results.records import RunRecord
 from ..results.reproduce import REFEREED
@@ -30,7 +30,7 @@ from . import fmu
 from .checks import check_motion, check_times
 from .columns import Quantities, find_quantities
 from .conventions import TIMES, Reading
-from .determined import Determined, find_determined, judge_again, measure_uncertainty
+from .determinacy import Determined, find_determined, judge_again, measure_uncertainty
 from .reading import Motion, Origin, perturb_roundings, read_motion
 from .tables import READERS, Table, read_table
 

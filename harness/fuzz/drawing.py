@@ -29,7 +29,7 @@ def draw_mechanism(seed: int, number: int) -> Mechanism:
         random = np.random.default_rng((seed, number, attempt))
         family = FAMILIES[random.integers(len(FAMILIES))]
         try:
-            drawn = family(random, bool(random.random() < 0.35)).timed()
+            drawn = family(random, bool(random.random() < 0.35)).choose_step()
             if drawn.problem().initial.nb:
                 return drawn
         except (InconsistentStart, ValueError, np.linalg.LinAlgError):  # joints that no velocity satisfies

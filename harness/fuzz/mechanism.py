@@ -103,7 +103,7 @@ class Mechanism:
         points += [c.point for c in self.connections] + [s.point_j for s in self.springs]
         return max(float(np.max(np.ptp(np.array(points), axis=0))), 0.1)
 
-    def timed(self) -> "Mechanism":
+    def choose_step(self) -> "Mechanism":
         """With steps in which nothing turns by more than ``TURN``, by what moves and acts at the start."""
         p = self.problem()
         rates = accelerations(p.system, p.initial)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..catalogue import registry
 from ..mechanics.state import State
-from ..reference.computed import compute_reference, is_computable
+from ..reference.computation import compute_reference, is_computable
 from ..shapes import LARGEST
 from ..types import Problem, Solver, Status, StepControl
 from .mechanism import Mechanism

@@ -79,10 +79,10 @@ def evaluate_laws(problem: Problem, s: States, exact: States) -> dict[Key, Float
 
 
 def _change(system: MultibodySystem, random: np.random.Generator, *, redundant: bool) -> MultibodySystem:
-    def scaled(a: np.ndarray) -> np.ndarray:
+    def scale(a: np.ndarray) -> np.ndarray:
         return a * (1.0 + SIZE * random.standard_normal(a.shape))
 
-    def turned(a: np.ndarray) -> np.ndarray:
+    def tilt(a: np.ndarray) -> np.ndarray:
         size = np.max(np.abs(a), axis=-1, keepdims=True)
         return a + SIZE * size * random.standard_normal(a.shape)
 
@@ -90,8 +90,8 @@ def _change(system: MultibodySystem, random: np.random.Generator, *, redundant: 
     size = np.max(np.abs(system.inertia), axis=(1, 2), keepdims=True)
     changes = {"inertia": system.inertia + 0.5 * SIZE * size * (noise + np.swapaxes(noise, 1, 2))}
     if not redundant:
-        changes |= {n: turned(getattr(system, n)) for n in (*LENGTHS, *DIRECTIONS)}
-    changes |= {n: scaled(getattr(system, n)) for n in NUMBERS}
+        changes |= {n: tilt(getattr(system, n)) for n in (*LENGTHS, *DIRECTIONS)}
+    changes |= {n: scale(getattr(system, n)) for n in NUMBERS}
     return dataclasses.replace(system, **changes)
 
 

@@ -73,7 +73,7 @@ class Model:
     def torques(self, t: float) -> Float[np.ndarray, "nb 3"]:
         """Applied torques [N m, space] at ``t`` [s]; no case has forces."""
         system, out = self.problem.system, np.zeros((self.problem.system.nb, 3))
-        here = States.one(self.problem.initial).timed(np.array([t]))
+        here = States.one(self.problem.initial).with_times(np.array([t]))
         for k, body in enumerate(system.load_i):
             out[body] += load_in_space(system, here, k)[1][0]
         return out

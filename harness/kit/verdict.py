@@ -24,7 +24,7 @@ from ..mechanics.state import States
 from ..metrics.measure import measure
 from ..metrics.summary import columns
 from ..metrics.verdict import doubts, inaccuracy
-from ..reference.computed import reference_of
+from ..reference.computation import reference_of
 from ..types import Law, Problem, Reason, Status, Trajectory
 from .cases import make_case
 from .conditioning import evaluate_laws, measure_growth
@@ -162,7 +162,7 @@ def _exact(case: str, steps: int) -> tuple[States, float]:
     if reference is None or reference.horizon < problem.t_end * (1.0 - 1e-9):
         raise ValueError(f"case {case} has no reference up to {problem.t_end:g} s")
     t = np.linspace(0.0, problem.t_end, steps + 1)
-    return reference.states(t).timed(t), float(np.max(reference.error(t)))
+    return reference.states(t).with_times(t), float(np.max(reference.error(t)))
 
 
 def _judge(problem: Problem, s: States, known: set[Law]) -> Iterator[Reason]:

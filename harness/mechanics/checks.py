@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .lent import NONE
+from .added_inertia import NONE
 
 
 def freeze_array(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from . import so3
-from .lent import principal
+from .added_inertia import principal
 from .motion import constraint, constraint_rate, measure_gaps
 from .state import State, States
 from .system import MultibodySystem

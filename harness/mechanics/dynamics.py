@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
+from .added_inertia import check_idle
 from .counting import count_calls
 from .jacobian import constraint_jacobian
-from .lent import check_idle
 from .motion import applied_loads, drift
 from .state import State, States
 from .system import MultibodySystem
@@ -70,7 +70,7 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     missing = (U.T @ ((phi_ddot - e.A_dot_v - B @ x) / length)) / size
     x, reaction = x + V.T @ missing, (U @ (missing / size)) / length
     a = np.einsum("bji,bj->bi", inverse, x.reshape(-1, 6))
-    check_idle(system.lent, system.gyration, e.f, a[:, 3:])
+    check_idle(system.added_inertia, system.gyration, e.f, a[:, 3:])
     return Rates(s.v, s.Omega, a[:, :3], a[:, 3:], reaction)
 
 

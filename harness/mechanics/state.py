@@ -49,7 +49,7 @@ class States:
         assert self.t is not None
         return self.t
 
-    def timed(self, t: Float[np.ndarray, " nt"]) -> "States":
+    def with_times(self, t: Float[np.ndarray, " nt"]) -> "States":
         """The same poses and velocities at the times ``t``."""
         return States(self.r, self.R, self.v, self.Omega, t)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from .added_inertia import compute_added_inertia, principal
 from .checks import check_body, check_ends, freeze_array
 from .forces import Load, SpringDamper, TorsionSpring
 from .joints import (
@@ -27,7 +28,6 @@ from .joints import (
     select_rows,
     unit,
 )
-from .lent import lent_inertia, principal
 from .time_functions import ONE, varies
 from .user_forces import UserForce, laws_of
 
@@ -97,7 +97,7 @@ class MultibodySystem:
     joint_names: tuple[str, ...] = ()
 
     @property
-    def lent(self) -> Float[np.ndarray, "nb 3 3"]:
+    def added_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
         """Inertia added about axes without any [kg m2]: 0 but for slender rods and point masses."""
         if not np.any(principal(self.inertia)[2]):
             return np.zeros_like(self.inertia)
@@ -107,12 +107,12 @@ class MultibodySystem:
         arm = arm[:-1]
         longest = float(max(np.max(arm, initial=0.0), np.max(self.joint_length, initial=0.0)))
         longest = longest or float(np.max(np.sqrt(np.einsum("bii->b", self.inertia) / (2.0 * self.mass)))) or 1.0
-        return lent_inertia(self.mass, self.inertia, np.where(arm > 0.0, arm, longest))
+        return compute_added_inertia(self.mass, self.inertia, np.where(arm > 0.0, arm, longest))
 
     @property
     def regular_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
         """That of the equations of motion, with what is lent: positive definite."""
-        return self.inertia + self.lent
+        return self.inertia + self.added_inertia
 
     @property
     def gyration(self) -> Float[np.ndarray, " nb"]:

@@ -46,7 +46,7 @@ class Law:
     frame: Float[np.ndarray, "3 3"]
     units: tuple[float, float, float] = SI  # of the numbers of a length, a mass, a time
 
-    def presented(self, compiled: Callable[[Any], Any] = lambda f: f) -> Callable[..., None]:
+    def build_function(self, compiled: Callable[[Any], Any] = lambda f: f) -> Callable[..., None]:
         """The law as a function, every part of it made by ``compiled``."""
         law = compiled(self.function)
         L, M, T = self.units
@@ -57,7 +57,7 @@ class Law:
         body, sign = (BODY_MIRROR, -1.0) if mirrored else (np.eye(3), 1.0)
         force = M * L / T**2
 
-        def turned(t, r, R, v, Omega, F, moment):  # type: ignore[no-untyped-def]
+        def in_si(t, r, R, v, Omega, F, moment):  # type: ignore[no-untyped-def]
             for e in range(n):
                 r[e] = np.dot(r[e] / L, back)
                 v[e] = np.dot(v[e] * (T / L), back)
@@ -68,14 +68,14 @@ class Law:
                 F[e] = force * np.dot(F[e], there)
                 moment[e] = sign * force * L * np.dot(moment[e], there)
 
-        return compiled(turned)
+        return compiled(in_si)
 
     @cached_property
     def entry(self) -> Any:
         """The compiled law behind a C signature, (t, NUMBERS, F and T of both bodies)."""
         import numba  # half a second, which those without user forces need not wait
 
-        law, double = self.presented(numba.njit), numba.types.double
+        law, double = self.build_function(numba.njit), numba.types.double
 
         def entry(t, state, load):  # type: ignore[no-untyped-def]
             x, out, found = numba.carray(state, (NUMBERS,)), numba.carray(load, (4, 3)), np.zeros((4, 3))

@@ -5,7 +5,7 @@
     locked     n . Omega = 0 for all velocities that A allows, e.g. across a planar mechanism
     coupled    neither
 
-In the first two n . Omega = n . Omega_dot = 0: inertia lent about n (module ``lent``) changes no motion, energy or
+In the first two n . Omega = n . Omega_dot = 0: inertia added about n (``added_inertia``) changes no motion, energy or
 reaction. In the third it would, and the system is refused.
 """
 
@@ -14,8 +14,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from .added_inertia import principal
 from .consistency import START_TOLERANCE, InconsistentStart, perturb
-from .lent import principal
 from .motion import applied_loads
 from .state import State, States
 from .system import MultibodySystem
@@ -34,7 +34,7 @@ def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
     _, axes, none = principal(system.inertia)
     if not np.any(none) or not _can_be_looked_at(system, start):
         return
-    found = [_Allowed(system, s, axes, none, t_end) for s in (start, *_nearby(system, start, t_end))]
+    found = [_AllowedVelocities(system, s, axes, none, t_end) for s in (start, *_nearby(system, start, t_end))]
     for b in map(int, np.flatnonzero(np.any(none, axis=1))):
         turns = np.concatenate([s.turns(b) for s in found], axis=1)
         sides, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(turns.T, mode="r")))
@@ -82,7 +82,7 @@ def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
     return out
 
 
-class _Allowed:
+class _AllowedVelocities:
     """Velocities that A allows at a state, whatever drives do, x in coordinates in which M is the identity."""
 
     def __init__(self, system: MultibodySystem, s: State, axes: np.ndarray, none: np.ndarray, t_end: float) -> None:
@@ -103,7 +103,11 @@ class _Allowed:
         spun = dataclasses.replace(s, Omega=s.Omega + np.einsum("bij,bj->bi", axes, none * (1.0 / t_end)))
         steady = dataclasses.replace(system, load_factor=np.tile(ONE, (len(system.load_i), 1)))
         loads = np.concatenate(
-            [applied_loads(system, States.one(x).timed(np.array([s.t + c * t_end]))) for x in (s, spun) for c in PLACES]
+            [
+                applied_loads(system, States.one(x).with_times(np.array([s.t + c * t_end])))
+                for x in (s, spun)
+                for c in PLACES
+            ]
             + [applied_loads(steady, States.one(s))]
         )
         if not np.all(np.isfinite(loads)):

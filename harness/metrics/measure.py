@@ -15,7 +15,7 @@ from ..mechanics.motion import constraint, constraint_energy_norm, constraint_ra
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from ..mechanics.work import work
-from ..reference.computed import reference_of
+from ..reference.computation import reference_of
 from ..types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Trajectory
 from .mechanisms import mechanisms, part, state_of, states_of
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies

@@ -26,7 +26,7 @@ def find_peaks(m: Measured, *, literal_start: bool = False) -> dict[str, int]:
     for law, name in SHARES.items():
         if literal_start and law in JOINTS:
             continue
-        shares = [np.abs(one.laws[law]) / one.size.allowed[law] for one in m.mechanisms]
+        shares = [np.abs(one.laws[law]) / one.size.limits[law] for one in m.mechanisms]
         worst = np.max(shares, axis=0)
         found[name] = _largest(worst)
         if np.any(broken := ~(worst <= 1.0)):

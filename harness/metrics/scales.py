@@ -42,7 +42,7 @@ class Scales:
     run_at: tuple[int, ...] = field(default=(), kw_only=True)  # rows of the run that do
 
     @property
-    def allowed(self) -> Mapping[Law, float]:
+    def limits(self) -> Mapping[Law, float]:
         """The limits of the laws that hold at each time."""
         scale = {Law.ENERGY: self.energy, Law.CONSTRAINT: self.gap, Law.CONSTRAINT_RATE: self.speed}
         return {law: part * scale.get(law, 1.0) for law, part in ALLOWED.items()}
@@ -76,7 +76,7 @@ def load_compiled(poses: int) -> ModuleType | None:
     """The compiled passes for a motion of that many poses; None for a short one, which would not pay for their load."""
     if poses < MANY:
         return None
-    from . import compiled as passes
+    from . import passes
 
     return passes
 
@@ -159,7 +159,7 @@ def scales(
         )
         broken = np.zeros(end, dtype=bool)
         for law, series in run.laws.items():
-            broken |= ~(np.abs(series[:end]) <= size.allowed[law])
+            broken |= ~(np.abs(series[:end]) <= size.limits[law])
         if not np.any(broken):
             return size
         end = int(np.argmax(broken))

@@ -102,7 +102,7 @@ def _limits(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
     """Limits of |phi| and |phi_dot|, where these series are judged (``measure``: axis rows count in metres)."""
     if problem.literal_start or len(m.mechanisms) > 1 or np.any(problem.system.joint_axes):
         return {}
-    allowed = size.allowed
+    allowed = size.limits
     return {"phi_limit_m": allowed[Law.CONSTRAINT], "phi_dot_limit_m_per_s": allowed[Law.CONSTRAINT_RATE]}
 
 
@@ -111,7 +111,7 @@ def _shares(problem: Problem, m: Measured) -> dict[str, float]:
     if problem.literal_start or problem.system.nrows == 0:
         return {}
     names = {"gap_share_max": Law.CONSTRAINT, "gap_rate_share_max": Law.CONSTRAINT_RATE}
-    return {k: max(largest(one.laws[a]) / one.size.allowed[a] for one in m.mechanisms) for k, a in names.items()}
+    return {k: max(largest(one.laws[a]) / one.size.limits[a] for one in m.mechanisms) for k, a in names.items()}
 
 
 def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:

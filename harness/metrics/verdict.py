@@ -49,7 +49,7 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
     for one in m.mechanisms:
         for law, series in one.laws.items():
             if not (problem.literal_start and law in JOINTS):
-                limit(law, largest(series), one.size.allowed[law], UNITS[law], series)
+                limit(law, largest(series), one.size.limits[law], UNITS[law], series)
     limit(Law.KINEMATIC, m.kinematic_defect, KINEMATIC, "", None)
     limit(Law.REACTION, m.reaction_error, REACTION * (m.reaction_size + size.energy / size.length), "N", None)
     accurate = not inaccuracy(m, columns)  # else its errors are known, and told

@@ -35,7 +35,7 @@ class Step(NamedTuple):
 
     def states(self, x: Float[np.ndarray, " nx"]) -> Float[np.ndarray, "nx ny"]:
         """At shares of the step."""
-        out: np.ndarray = self.y + nested(x, len(self.F)) @ self.F
+        out: np.ndarray = self.y + nested_products(x, len(self.F)) @ self.F
         return out
 
     @property
@@ -56,7 +56,7 @@ class Method(NamedTuple):
     polynomial: Float[np.ndarray, "s s"]  # Z to F
 
 
-def nested(x: Float[np.ndarray, " nx"], s: int) -> Float[np.ndarray, "nx s"]:
+def nested_products(x: Float[np.ndarray, " nx"], s: int) -> Float[np.ndarray, "nx s"]:
     """x, x (1 - x), x^2 (1 - x), ...: what DOP853's interpolant is made of."""
     return np.cumprod(np.stack([x if k % 2 == 0 else 1.0 - x for k in range(s)], axis=1), axis=1)
 
@@ -72,7 +72,7 @@ def radau(s: int) -> Method:
     values, T = np.linalg.eig(inverse)
     one = values.imag >= 0.0
     back = T[:, one] * np.where(values[one].imag > 0.0, 2.0, 1.0)
-    return Method(nodes, inverse, values[one], np.linalg.inv(T)[one], back, np.linalg.inv(nested(nodes, s)))
+    return Method(nodes, inverse, values[one], np.linalg.inv(T)[one], back, np.linalg.inv(nested_products(nodes, s)))
 
 
 def jacobian(f: Rate, y: Float[np.ndarray, " ny"], units: Float[np.ndarray, " ny"]) -> Float[np.ndarray, "ny ny"]:

@@ -112,7 +112,7 @@ class Directors:
         """Anew at the next state, for which rows depend on each other turns with the bodies."""
         self.range = None
 
-    def restarted(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
+    def project_state(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest state that is rigid and satisfies the joints, by Newton steps along H^-1 J^T."""
         self.choose_rows()
         x, x_dot = self._parts(z[None].copy())

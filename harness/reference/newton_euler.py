@@ -96,7 +96,7 @@ class NewtonEuler:
         q_dot = 0.5 * np.concatenate((w * Omega + _cross(vector, Omega), -np.sum(vector * Omega, 1)[:, None]), axis=1)
         return A, gamma, self._forces(r, R, v, Omega, y[-1]), q_dot.ravel(), v.ravel()
 
-    def restarted(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
+    def project_state(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest consistent state; the rows in use are chosen anew there."""
         s = self.system
         r, q, v, Omega = (a[0].copy() for a in self._parts(y[None]))

@@ -55,7 +55,7 @@ def _plain(a: Any) -> Any:
     return a.x if isinstance(a, Symbol) else float(a)
 
 
-def _between(name: str, swap: bool) -> Callable[[Symbol, Any], Any]:
+def _operator(name: str, swap: bool) -> Callable[[Symbol, Any], Any]:
     act = getattr(operator, name)
 
     def both(self: Symbol, other: Any) -> Any:
@@ -68,8 +68,8 @@ def _between(name: str, swap: bool) -> Callable[[Symbol, Any], Any]:
 
 
 for _name in ("add", "sub", "mul", "truediv"):
-    setattr(Symbol, f"__{_name}__", _between(_name, False))
-    setattr(Symbol, f"__r{_name}__", _between(_name, True))
+    setattr(Symbol, f"__{_name}__", _operator(_name, False))
+    setattr(Symbol, f"__r{_name}__", _operator(_name, True))
 
 
 class Tape:

@@ -88,12 +88,12 @@ class Sources:
     @cached_property
     def solvers(self) -> dict[str, str]:
         """The digest of each solver of the catalogue."""
-        return self._marked("solver")
+        return self._digest_marked("solver")
 
     @cached_property
     def problems(self) -> dict[str, str]:
         """The digest of each problem of the catalogue."""
-        return self._marked("problem")
+        return self._digest_marked("problem")
 
     @cached_property
     def measuring(self) -> str:
@@ -103,7 +103,8 @@ class Sources:
     def of(self, *modules: str) -> str:
         """The digest of modules (``solvers/rattle``) and of all they import."""
         seen, outside = self.reach(*modules)
-        versions = sorted(f"{n}=={self._locked[n]}" for m in outside if (n := LOCKED_AS.get(m, m)) in self._locked)
+        locked, names = self._locked_versions, (LOCKED_AS.get(m, m) for m in outside)
+        versions = sorted(f"{n}=={locked[n]}" for n in names if n in locked)
         return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
 
     def reach(self, *modules: str) -> tuple[dict[str, str], set[str]]:
@@ -123,7 +124,7 @@ class Sources:
         self._store()
         return seen, outside
 
-    def _marked(self, kind: str) -> dict[str, str]:
+    def _digest_marked(self, kind: str) -> dict[str, str]:
         out = {}
         for folder in MARKED[kind]:
             for path in sorted((self.root / folder).glob("*.py")):
@@ -134,7 +135,7 @@ class Sources:
         return dict(sorted(out.items()))
 
     @cached_property
-    def _locked(self) -> dict[str, str]:
+    def _locked_versions(self) -> dict[str, str]:
         lock = self.root / "requirements.lock"
         return dict(LOCKED.findall(lock.read_text(encoding="utf-8"))) if lock.is_file() else {}
 

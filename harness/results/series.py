@@ -35,7 +35,7 @@ class Series:
     units: Mapping[str, str]  # of obs_, ref_ and inv_ series, by full name
     symbols: Mapping[str, str]  # mathtext without $, of obs_ series, by full name
     peaks: Mapping[str, float] = field(default_factory=dict)  # [s] when reported maxima occurred, by column
-    reference: str = ""  # where it comes from: ``harness.reference.computed.Source``
+    reference: str = ""  # where it comes from: ``harness.reference.computation.Source``
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.arrays[name]
@@ -43,7 +43,7 @@ class Series:
     def __contains__(self, name: str) -> bool:
         return name in self.arrays
 
-    def named(self, prefix: str) -> dict[str, np.ndarray]:
+    def select(self, prefix: str) -> dict[str, np.ndarray]:
         """All series whose name starts with ``prefix`` (``"obs_"``), by the rest of it."""
         return {k[len(prefix) :]: a for k, a in self.arrays.items() if k.startswith(prefix)}
 

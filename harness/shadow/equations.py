@@ -16,7 +16,7 @@ from ...solvers.formulations.generated import Code
 from ...solvers.formulations.generated.code import print_functions
 from ...solvers.formulations.joint_coordinates import code as joint_code
 from ...solvers.formulations.joint_coordinates.tree import Tree
-from ...solvers.formulations.rows.kept import _texts
+from ...solvers.formulations.rows.kept_code import _texts
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 

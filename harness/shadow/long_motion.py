@@ -76,7 +76,7 @@ class LongMotion:
             found += [begin] * (wanted[0] == begin.t)
             found += [p for p, asked in flow.march(begin, wanted[-1], wanted) if asked]
         X, V = (np.array([getattr(p, name) for p in found], dtype=float) / 2.0**bits for name in ("X", "V"))
-        return self.recipe.bodies(X, V).timed(t)
+        return self.recipe.bodies(X, V).with_times(t)
 
     def digest(self) -> str:
         """Of what is stored."""

@@ -24,7 +24,7 @@ from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..results.npz import write_npz
 from ..types import Problem
-from .taylor import Series, Sums, exactly, in_parts
+from .taylor import Series, Sums, in_parts, sum_exactly
 
 TOLERANCE = {80: 2.0**-64, 113: 2.0**-112}
 LOOSER, SAFETY = 2.0**4, 10.0  # tolerance of the second run; error over its difference
@@ -32,7 +32,7 @@ LAST = 7  # before the last: by symmetry most of them may vanish, as those of a 
 CLOSING = 4  # Newton steps onto the loops at the start, each of which doubles the digits
 
 
-def rounded(times: Sequence[Fraction], poses: Sequence[Sums]) -> States:
+def round_states(times: Sequence[Fraction], poses: Sequence[Sums]) -> States:
     """Those of ``PreciseFlow.poses``, in doubles."""
     x = np.array(poses)[:, :, 0]
     nb = x.shape[1] // 18
@@ -78,7 +78,7 @@ class PreciseFlow:
 
     def march(self, times: Sequence[Fraction]) -> Iterator[Sums]:
         """The states at ``times``, in the order of the way, from the start; against time where they fall."""
-        x, t = self.start, exactly(self.start[0])
+        x, t = self.start, sum_exactly(self.start[0])
         way = 1 if times[-1] >= t else -1
         wanted = list(times)
         while wanted:
@@ -115,7 +115,7 @@ def make(problem: Problem, t_end: Fraction, bits: int, rows: int) -> tuple[State
         apart.append(np.maximum(apart[-1], difference(poses[-1][own], rough.poses(y)[own])))  # keeps a NaN
     if not np.isfinite(apart[-1]):
         raise ArithmeticError("the motion is no longer finite: give a shorter time")
-    return rounded(times, poses), SAFETY * np.array(apart[1:]), flow
+    return round_states(times, poses), SAFETY * np.array(apart[1:]), flow
 
 
 def main() -> None:

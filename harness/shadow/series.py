@@ -52,14 +52,14 @@ class Flow:
             raise ValueError(f"formulation must be {' or '.join(FORMULATIONS)} (got {formulation})")
         self.mechanism, self.bits, self.order = mechanism, bits, int(ORDER * bits)
         self._expand = self._by_angles if formulation == "angles" else self._by_directors
-        self._rows = [[(b, k, self._fixed(a)) for b, r in row.items() for k, a in enumerate(r) if a]
+        self._rows = [[(b, k, self._to_fixed(a)) for b, r in row.items() for k, a in enumerate(r) if a]
                       for row in mechanism.rows]  # fmt: skip
-        self._light = [self._fixed(1 / m) for m in mechanism.mass]
-        self._agile = [self._fixed(1 / i) for i in mechanism.inertia]
-        self._inertia = [self._fixed(i) for i in mechanism.inertia]
-        self.unit = self._fixed(Fraction(1, 64))  # [s]
+        self._light = [self._to_fixed(1 / m) for m in mechanism.mass]
+        self._agile = [self._to_fixed(1 / i) for i in mechanism.inertia]
+        self._inertia = [self._to_fixed(i) for i in mechanism.inertia]
+        self.unit = self._to_fixed(Fraction(1, 64))  # [s]
 
-    def _fixed(self, a: Fraction) -> int:
+    def _to_fixed(self, a: Fraction) -> int:
         return (a.numerator << self.bits) // a.denominator
 
     def march(self, state: Precise, t_end: int, at: Sequence[int] = ()) -> Iterator[tuple[Precise, bool]]:
@@ -77,7 +77,7 @@ class Flow:
     def _series(self, state: Precise) -> list[list[Series]]:
         B, unit = self.bits, self.unit
         start = [[[x, v * unit >> B] for x, v in zip(X, V, strict=True)] for X, V in zip(state.X, state.V, strict=True)]
-        self._pull = -self._fixed(self.mechanism.gravity) * unit * unit >> 2 * B
+        self._pull = -self._to_fixed(self.mechanism.gravity) * unit * unit >> 2 * B
         self._factor(start)
         return self._expand(start)
 

@@ -32,7 +32,7 @@ def in_parts(x: Fraction) -> list[float]:
     return out
 
 
-def exactly(parts: Sequence[float] | np.ndarray) -> Fraction:
+def sum_exactly(parts: Sequence[float] | np.ndarray) -> Fraction:
     """The sum of doubles."""
     return sum((Fraction(float(x)) for x in parts), Fraction(0))
 

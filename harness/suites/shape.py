@@ -55,7 +55,7 @@ class Defaults(Shape, frozen=True, kw_only=True):
 class Group(Defaults, frozen=True, kw_only=True):
     """One ``[[runs]]`` table."""
 
-    def given(self, *keys: str) -> dict[str, Any]:
+    def select(self, *keys: str) -> dict[str, Any]:
         """Those of ``keys`` that are there."""
         return {k: v for k in keys if (v := getattr(self, k)) is not None}
 

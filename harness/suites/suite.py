@@ -109,14 +109,14 @@ def _add_defaults(group: Group, defaults: Defaults) -> Group:
 
 
 def _expand(group: Group, problems: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
-    limits = group.given(*LIMITS)
+    limits = group.select(*LIMITS)
     for key in ("problem", "solver"):
         if getattr(group, key) is None:
             raise ValueError(f"{key} is missing: name it in the group or in [defaults]")
     for name, solver in itertools.product(_as_tuple(group.problem), _as_tuple(group.solver)):
         entry = registry.entry_of("solver", solver, registry.solvers())
         known = registry.entry_of("problem", name, registry.problems()).parameters
-        control = group.given(*CONTROL)
+        control = group.select(*CONTROL)
         if "dt" in control and "rtol" in control:  # both given: each solver takes the one it is controlled by
             for other in ("rtol", "max_step") if entry.control == "dt" else ("dt",):
                 control.pop(other, None)

@@ -160,7 +160,7 @@ class _TurnedReference:
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         s = self.home.states(t)
-        return (rotate_states(s, self.frame) if self._is_turned else s).timed(t)
+        return (rotate_states(s, self.frame) if self._is_turned else s).with_times(t)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """That at home, and an estimate of the rounding of the start and of the motion when they are turned."""

@@ -87,7 +87,7 @@ class Trajectory:
             )
         if np.any(np.diff(t) <= 0.0):
             raise ValueError("the times of a trajectory must increase")
-        object.__setattr__(self, "states", self.states.timed(t))
+        object.__setattr__(self, "states", self.states.with_times(t))
 
 
 @runtime_checkable

@@ -36,7 +36,7 @@ from .balls import (
     vector,
 )
 from .lagrange_top import free_symmetric
-from .pinned import PinnedBody, PinnedMotion, Rounded
+from .pinned_body import PinnedBody, PinnedMotion, Rounded
 from .steady_precession import steady_precession
 from .theta import UNIT, Phase, ThetaSeries, elliptic_argument, theta, thetas
 

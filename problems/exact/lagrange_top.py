@@ -39,7 +39,7 @@ from .balls import (
     vector,
 )
 from .cayley_klein import CayleyKlein, pair, relative_quaternion
-from .pinned import PinnedBody, PinnedMotion, Rounded
+from .pinned_body import PinnedBody, PinnedMotion, Rounded
 from .steady_precession import steady_precession
 from .theta import Phase, elliptic_argument, theta, thetas
 

@@ -9,7 +9,7 @@ from ...harness.mechanics.state import State, States
 from ...harness.types import ReferenceKind
 from .balls import apply_matrix, cross, dot, frame_about, in_balls, scale_vector, transpose, vector
 from .one_body import pinned_motion
-from .pinned import PinnedBody, PinnedMotion
+from .pinned_body import PinnedBody, PinnedMotion
 
 
 @dataclass(frozen=True)

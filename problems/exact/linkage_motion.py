@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
-from .certified import CertifiedMotion, linkage_orbit
+from .certification import CertifiedMotion, linkage_orbit
 from .linkage import Linkage
 
 MOST_RODS = 30  # ten seconds of work; each evaluation costs n^3

@@ -7,7 +7,7 @@ from ...harness.mechanics.system import MultibodySystem
 from .balls import Matrix, TooWide, Vector, in_balls, nearest_rotation, vector
 from .euler_top import euler_top
 from .lagrange_top import lagrange_top
-from .pinned import PinnedBody, PinnedMotion
+from .pinned_body import PinnedBody, PinnedMotion
 
 
 @in_balls

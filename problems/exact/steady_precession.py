@@ -10,7 +10,7 @@ from flint import arb
 
 from .balls import Matrix, Vector, frame_about
 from .cayley_klein import even_turns, relative_quaternion
-from .pinned import PinnedBody, PinnedMotion, Rounded
+from .pinned_body import PinnedBody, PinnedMotion, Rounded
 
 
 def steady_precession(

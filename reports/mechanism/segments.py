@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
 from ...harness.results.series import Series
+from .theatre.poses import Poses, finite, rotations
 
+SEEN = 0.2  # of an axis's length: shorter it points at the reader and is not drawn
 SAME = 1e-9  # of the mechanism's size: joint points closer than this are one
 LONE = 0.25  # [m] half a rod of a body that shows no length at all
 CROSS = 0.18  # of a body's length: the bar at its free end, by which one sees it spin
@@ -49,21 +50,19 @@ class Mechanism:
 
 
 def mechanism_of(series: Series | None) -> Mechanism | None:
-    """From a series file; None where it holds no poses. Frames that are no numbers are left out."""
+    """From a series file, up to the first pose that is no number; None where there is none."""
     needed = ("frame_t", "frame_r", "frame_q", "joint_i", "joint_j", "joint_s_i", "joint_s_j")
     if series is None or any(name not in series for name in needed):
         return None
-    r, q = series["frame_r"].astype(float), series["frame_q"].astype(float)
-    whole = np.isfinite(r).all(axis=(1, 2)) & np.isfinite(q).all(axis=(1, 2))
-    if not whole.any():
+    poses = finite(Poses(series["frame_t"], series["frame_r"].astype(float), series["frame_q"].astype(float)))
+    if not len(poses):
         return None
-    r, q = r[whole], q[whole]
-    nf, nb = r.shape[:2]
-    R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(nf, nb, 3, 3)
+    nf, nb = poses.r.shape[:2]
+    R = rotations(poses.q).as_matrix().reshape(nf, nb, 3, 3)
     i, j = series["joint_i"].astype(int), series["joint_j"].astype(int)
     gravity = series["gravity"] if "gravity" in series else np.zeros(3)
     ground = series["joint_s_j"][j < 0]
-    return Mechanism(series["frame_t"][whole], r, R, *_segments(series, nb), i, series["joint_s_i"], ground, gravity)
+    return Mechanism(poses.t, poses.r, R, *_segments(series, nb), i, series["joint_s_i"], ground, gravity)
 
 
 def joint_points(series: Series, bodies: int, scale: float) -> list[Float[np.ndarray, "n 3"]]:
@@ -129,6 +128,33 @@ def view_of(mechanism: Mechanism) -> Float[np.ndarray, "2 3"]:
     towards = np.cos(turn) * front + np.sin(turn) * right
     across = np.cos(turn) * right - np.sin(turn) * front
     return np.stack((across, np.cos(elevation) * up - np.sin(elevation) * towards))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A mechanism at its start on paper: x right, y up [m]."""
+
+    lines: Float[np.ndarray, "ns 2 2"]
+    joints: Float[np.ndarray, "nj 2"]
+    ground: Float[np.ndarray, "ng 2"]
+    arrows: tuple[tuple[str, Float[np.ndarray, " 2"]], ...]  # unit vectors: axes of space, gravity
+    names: tuple[tuple[str, Float[np.ndarray, " 2"]], ...]  # of the first and the last body, at C
+
+
+def picture_of(series: Series | None) -> Picture | None:
+    """The bodies with their joints and supports, gravity and the axes; None where no poses are stored."""
+    mechanism = mechanism_of(series)
+    if mechanism is None or series is None:
+        return None
+    view = view_of(mechanism)
+    arrows = [(name, way) for name, e in zip("XYZ", np.eye(3), strict=True) if np.linalg.norm(way := view @ e) > SEEN]
+    g = mechanism.gravity
+    if np.any(g):
+        arrows.append(("g", view @ (g / np.linalg.norm(g))))
+    ends = sorted({0, len(series.body_names) - 1} & set(range(len(series.body_names))))
+    names = tuple((series.body_names[k], view @ mechanism.r[0, k]) for k in ends)
+    lines, joints, ground = (flat(p, view) for p in (mechanism.segments(0), mechanism.joints(0), mechanism.ground))
+    return Picture(lines, joints, ground, tuple(arrows), names)
 
 
 def flat(points: Float[np.ndarray, "*n 3"], view: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "*n 2"]:

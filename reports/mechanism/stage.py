@@ -55,7 +55,7 @@ def stage(results: Results, roles: Sequence[tuple[Run, str]], measure: Measure |
         "unit": measure.unit if measure else "m",
         "players": [{
             "solver": run.record.solver, "colour": looks[run.record.solver].colour, "words": role,
-            "stopped": run.stopped, "last": float(m.t[-1]), "lines": _columns((xy - low) / step),
+            "stopped": run.has_stopped, "last": float(m.t[-1]), "lines": _columns((xy - low) / step),
             "off": Steps(_off(s, measure, t), log=True),
         } for (run, role, s, m), xy in zip(found, lines, strict=True)],
     }  # fmt: skip

@@ -98,7 +98,7 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
             best.append(min(reaches, key=lambda r: r.cpu_s))
         elif all(c.status == "refused" for c in own):
             refused.append(own[0])
-        elif not any(c.unfinished for c in own):
+        elif not any(c.is_unfinished for c in own):
             missed.append(solver)
     best.sort(key=lambda r: r.cpu_s)
     places = tuple(replace(r, factor=r.cpu_s / best[0].cpu_s) for r in best)
@@ -108,10 +108,13 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
 
 def reach(runs: Sequence[Run], measure: Measure, target: float) -> Place | None:
     """Least CPU of one method's runs for ``target``."""
-    timed = [c for c in runs if c.record.status in SOUND and c.record.cpu_median_s > 0.0]
-    coarse_first = sorted(timed, key=lambda c: -c.step_or_tolerance)
+    coarse_first = sorted(_timed(runs), key=lambda c: -c.step_or_tolerance)
     found = least([(measure.of(c), c.record.cpu_median_s) for c in coarse_first], target)
     return Place(coarse_first[found[2]], found[0], bound=found[1]) if found else None
+
+
+def _timed(runs: Sequence[Run]) -> list[Run]:
+    return [c for c in runs if c.status in SOUND and c.record.cpu_median_s > 0.0]
 
 
 def least(ladder: Sequence[tuple[float, float]], target: float) -> tuple[float, bool, int] | None:
@@ -147,9 +150,7 @@ def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str
     targets = [f.target for f in found]
     solvers = {}
     for name, runs in sorted(by_solver(variant.runs).items()):
-        sound = [c for c in runs if c.status in ("success", "inaccurate") and c.record.cpu_median_s > 0.0]
-        points = sorted((c.record.cpu_median_s, measure.of(c)) for c in sound) if measure else []
-        points = [p for p in points if p[1] == p[1]]
+        points = sorted((c.record.cpu_median_s, e) for c in _timed(runs) if measure and (e := measure.of(c)) == e)
         reached = {f.target: p for f in found for p in f.places if p.run.record.solver == name}
         solvers[name] = {
             "cpu": [reached[t].cpu_s if t in reached else None for t in targets],
@@ -195,8 +196,7 @@ def default_target(problem: dict[str, Any]) -> int:
     """A millimetre where it is compared; else the tightest error that at least half of the solvers reach."""
     if ASKED in problem["words"]:
         return int(problem["words"].index(ASKED))
-    reached = [
-        sum(s["cpu"][k] is not None for s in problem["solvers"].values()) for k in range(len(problem["targets"]))
-    ]
-    enough = [k for k, n in enumerate(reached) if 2 * n >= len(problem["solvers"])]
+    costs_by_solver = [s["cpu"] for s in problem["solvers"].values()]
+    reached = (sum(cpu is not None for cpu in at_target) for at_target in zip(*costs_by_solver, strict=True))
+    enough = [k for k, n in enumerate(reached) if 2 * n >= len(costs_by_solver)]
     return max(enough, default=0)

@@ -77,12 +77,12 @@ class Row:
 
     @property
     def succeeded(self) -> int:
-        return sum(b is not None and b.run.succeeded for b in self.boxes)
+        return sum(b is not None and b.run.is_success for b in self.boxes)
 
     @property
     def counted(self) -> int:
         """Problems that it ran and that it finished here, well or not."""
-        return sum(b is not None and not b.run.unfinished for b in self.boxes)
+        return sum(b is not None and not b.run.is_unfinished for b in self.boxes)
 
     @property
     def order(self) -> tuple[int, float, str]:
@@ -122,7 +122,7 @@ def best_and_worst(boxes: Sequence[Box]) -> str:
     if len(ranked) < 2:
         return f"{ranked[0].words}." if ranked else "Every solver refused it."
     best, worst = (
-        f"{b.run.record.solver} ({b.run.step_words}): {'' if b.run.succeeded else b.mark.word + ', '}"
+        f"{b.run.record.solver} ({b.run.step_words}): {'' if b.run.is_success else b.mark.word + ', '}"
         f"{b.why or 'no error is known'}" for b in (ranked[0], ranked[-1])
     )  # fmt: skip
     return f"Best is {best}. Worst is {worst}."

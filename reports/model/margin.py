@@ -63,7 +63,7 @@ def _recompute_reasons(run: Run) -> list[Reason]:
         Reason(Law.MOTION, r.motion_error_judged_m,
                ACCURATE["accurate_until_s"] * r.length_scale_m + (0.0 if math.isnan(own) else own), "m"),
     )  # fmt: skip
-    return [e for e in rows if e.value >= 0.0 and e.limit > 0.0 and (run.stopped or e.value <= e.limit)]
+    return [e for e in rows if e.value >= 0.0 and e.limit > 0.0 and (run.has_stopped or e.value <= e.limit)]
 
 
 def _of_constraints(law: Law, share: float, value: float, limit: float, unit: str) -> Reason:

@@ -28,7 +28,7 @@ class Motion:
     events: tuple[Mapping[str, Any], ...] = ()  # what the solver reported on its way
 
     @property
-    def moved(self) -> bool:
+    def has_steps(self) -> bool:
         """It has at least one step to draw."""
         return any(name in self.curves for name in NORMS)
 
@@ -37,16 +37,16 @@ def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Moti
     """The curves of a run over ``spans`` of time; without a series file there are none."""
     if series is None or "t" not in series or len(series["t"]) == 0:
         return Motion(run)
-    t, t_end = series["t"], 0.0 if run.stopped else run.record.t_end_s  # who stopped is drawn up to there, as fine
-    observables, exact = series.named("obs_"), series.named("ref_")
+    t, t_end = series["t"], 0.0 if run.has_stopped else run.record.t_end_s  # who stopped is drawn up to there, as fine
+    observables, exact = series.select("obs_"), series.select("ref_")
     norms = {n: series[n] for n in (*NORMS, "reference_own_error") if n in series}
-    norms |= {f"inv_{n}": a for n, a in series.named("inv_").items()}
+    norms |= {f"inv_{n}": a for n, a in series.select("inv_").items()}
     norms |= {f"away_{n}": a - exact[n] for n, a in observables.items() if n in exact}
     signed = {f"obs_{n}": a for n, a in observables.items()} | {f"ref_{n}": a for n, a in exact.items()}
     curves = {n: upper(t, a, t_end, spans) for n, a in norms.items()}
     curves |= {n: signed_curve(t, a, t_end, 3 * spans // 4) for n, a in signed.items()}
     if "dt" in series:
-        curves["dt"] = _steps(t, series["dt"], run.stopped, t_end, spans)
+        curves["dt"] = _steps(t, series["dt"], run.has_stopped, t_end, spans)
     there = {n: c for n, c in curves.items() if len(c)}
     return Motion(run, bodies_in(series), there, series.units, series.events)
 

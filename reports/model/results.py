@@ -65,23 +65,23 @@ class Run:
     def reasons(self) -> Sequence[str]:
         """Why it is not a success; empty for one that is."""
         near = self.nearest.words if self.nearest and self.status == Status.INACCURATE else ""
-        return [] if self.succeeded else [*why(self.record), *([f"yet {near}"] if near else [])]
+        return [] if self.is_success else [*why(self.record), *([f"yet {near}"] if near else [])]
 
     @property
     def status(self) -> str:
         return self.record.status or "unknown"
 
     @property
-    def succeeded(self) -> bool:
+    def is_success(self) -> bool:
         return self.status == Status.SUCCESS
 
     @property
-    def stopped(self) -> bool:
+    def has_stopped(self) -> bool:
         """It neither reached the end nor was refused beforehand."""
         return self.status not in (Status.SUCCESS, Status.INACCURATE, Status.WRONG, Status.REFUSED)
 
     @property
-    def unfinished(self) -> bool:
+    def is_unfinished(self) -> bool:
         """The harness ended it: in no count, and no mark against its solver."""
         return self.status == Status.UNFINISHED
 

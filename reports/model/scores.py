@@ -8,7 +8,7 @@ from typing import Any
 from .accuracy import drifts, measure_for
 from .results import Results, Run, Variant, by_solver
 from .variants import broadest, themselves
-from .words import cut, join_words, mark
+from .words import join_words, mark, truncate
 
 KINDS = {  # of marks, in words
     "good": "succeeded", "inaccurate": "inaccurate", "wrong": "wrong", "failed": "stopped", "refused": "refused"
@@ -18,9 +18,7 @@ REASON = 90  # characters of a reason
 
 @dataclass(frozen=True)
 class Score:
-    """Numbers of runs, those that did not finish here left out; ``bounded`` and ``drifting``: successes whose energy
-    error tells.
-    """
+    """Numbers of runs that finished here; ``bounded`` and ``drifting``: successes whose energy error tells."""
 
     succeeded: int
     inaccurate: int
@@ -54,7 +52,7 @@ def score(runs: Iterable[Run]) -> Score:
     """Score of any runs."""
     own = list(runs)
     kinds = Counter(mark(c.status).kind for c in own)
-    energy = Counter(drifts(c) for c in own if c.succeeded)
+    energy = Counter(drifts(c) for c in own if c.is_success)
     ended = {name: kinds[kind] for kind, name in KINDS.items()}
     return Score(**ended, bounded=energy[False], drifting=energy[True])
 
@@ -64,20 +62,19 @@ def standings(results: Results) -> list[dict[str, Any]]:
 
     Whose finest settings succeed on most problems is first; equals by name.
     """
-    label, out = broadest(results), []
+    label, out = broadest(results), list[dict[str, Any]]()
     variants = themselves(results, label)
     for solver, own in by_solver(results.runs).items():
         stands = [(p, h) for p in variants if (h := finest(p, solver, label)) is not None]
         heads = [h for _, h in stands]
-        failures = [(p, c) for p, c in stands if not (c.succeeded or c.unfinished)]
+        failures = [(p, c) for p, c in stands if not (c.is_success or c.is_unfinished)]
         out.append({
             "solver": solver, "paper_label": ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])),
             "finest": score(heads), "everything": score(own),
-            "breaks_on": [(c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in failures],
+            "breaks_on": [(c, truncate(c.reasons[0], REASON) + _finer(p, c)) for p, c in failures],
         })  # fmt: skip
-    return sorted(
-        out, key=lambda v: (-(v["finest"].succeeded / v["finest"].runs if v["finest"].runs else -1.0), v["solver"])
-    )
+    out.sort(key=lambda v: (-v["finest"].succeeded / max(v["finest"].runs, 1), not v["finest"].runs, v["solver"]))
+    return out
 
 
 def finest(variant: Variant, solver: str, label: str) -> Run | None:
@@ -88,7 +85,7 @@ def finest(variant: Variant, solver: str, label: str) -> Run | None:
 
 def _finer(variant: Variant, run: Run) -> str:
     """Words for a finer step or tolerance at which the same settings succeed, in whatever group that was run."""
-    own = [c for c in variant.runs if c.method == run.method and c.succeeded]
+    own = [c for c in variant.runs if c.method == run.method and c.is_success]
     finer = [c for c in own if c.step_or_tolerance < run.step_or_tolerance]
     best = max(finer, key=lambda c: c.step_or_tolerance, default=None)
     return f"; succeeds at {best.step_words}" if best else ""

@@ -90,12 +90,11 @@ def list_printed_columns(runs: Sequence[Run]) -> Sequence[Column]:
     return [c for c in COLUMNS if c.latex and c.key != other]
 
 
-def write_tables(variants: Sequence[Variant], folder: Place, *, rounded: bool = False) -> list[Path]:
-    """One CSV and one LaTeX table a problem; returns the files. A ``rounded`` CSV has the numbers of the LaTeX one."""
+def write_tables(variants: Sequence[Variant], folder: Place) -> list[Path]:
+    """One CSV and one LaTeX table a problem; returns the files."""
     out = []
     for variant in variants:
-        values = rounded_csv_of(variant.runs) if rounded else csv_of(variant.runs)
-        for suffix, text in ((".csv", values), (".tex", latex_of(variant.title, variant.runs))):
+        for suffix, text in ((".csv", csv_of(variant.runs)), (".tex", latex_of(variant.title, variant.runs))):
             place = folder / f"{variant.slug}{suffix}"
             place.write(text, durable=False)
             out.append(place.path)
@@ -106,18 +105,10 @@ def csv_of(runs: Sequence[Run]) -> str:
     """All columns, numbers in full; empty where a quantity does not exist."""
     rows = []
     for c in runs:
-        values = [
-            "" if v == NONE or v != v else v if isinstance(v, str) else repr(v) for v in (k.of(c) for k in COLUMNS)
-        ]
+        found = (k.of(c) for k in COLUMNS)
+        values = ["" if v == NONE or v != v else v if isinstance(v, str) else repr(v) for v in found]
         rows.append([c.variant, c.record.solver, c.record.paper_label, *values, "; ".join(c.reasons)])
     return format_csv([["problem", "solver", "paper_label", *map(_head, COLUMNS), "reason"], *rows])
-
-
-def rounded_csv_of(runs: Sequence[Run]) -> str:
-    """The columns of the LaTeX table with the same digits."""
-    columns = list_printed_columns(runs)
-    rows = [[c.record.solver, *(_round_cell(k, c) for k in columns)] for own in by_solver(runs).values() for c in own]
-    return format_csv([["solver", *map(_head, columns)], *rows])
 
 
 def format_csv(rows: Sequence[Sequence[str]]) -> str:
@@ -143,9 +134,8 @@ def latex_of(title: str, runs: Sequence[Run]) -> str:
         out.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{{latex_text(solver)}}} \\*")
         for run in own:
             cells = ((c.of(run), c.text(run)) for c in columns)
-            out.append(
-                " & ".join(latex_text(v) if isinstance(v, str) else latex_number(v, s) for v, s in cells) + r" \\"
-            )
+            words = (latex_text(v) if isinstance(v, str) else latex_number(v, s) for v, s in cells)
+            out.append(" & ".join(words) + r" \\")
     until = "" if measure is None or measure.until is None else f", errors up to {measure.until:.4g} s"
     start = [f"% {_one_line(title)}{until}", r"% needs \usepackage{booktabs,array}",
              r"{\footnotesize\setlength{\tabcolsep}{2pt}%", rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}",
@@ -171,14 +161,6 @@ def latex_number(value: float, shown: str) -> str:
         mantissa, power = plain.split("×10")
         plain = f"{mantissa}\\times 10^{{{power.translate(DIGITS)}}}"
     return f"${plain}$"
-
-
-def _round_cell(column: Column, run: Run) -> str:
-    value, shown = column.of(run), column.text(run)
-    if isinstance(value, str) or shown == NONE:
-        return "" if shown == NONE else str(value)
-    mantissa, times, power = shown.replace("\u202f", "").replace("−", "-").replace("∞", "inf").partition("×10")
-    return mantissa + (f"e{power.translate(DIGITS)}" if times else "")
 
 
 def _one_line(text: str) -> str:

@@ -92,7 +92,7 @@ def claim_success(wrong: int) -> str:
     return "reports success and is wrong" if wrong == 1 else "report success and are wrong"
 
 
-def cut(text: str, most: int) -> str:
+def truncate(text: str, most: int) -> str:
     """In one line of at most so many characters."""
     line = " ".join(text.split())
     return line if len(line) <= most else line[: most - 1] + "…"

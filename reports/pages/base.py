@@ -1,31 +1,23 @@
 """The parts of a page of the report's site, and all that a page module needs to know.
 
-A module of a folder in ``reports/pages/`` that has a function ::
-
-    def write(run: Run, site: Site) -> Page | None
-
-is found and called once (``RANK`` of the module, 0 without one, puts it later). It computes from the results and their
-judgements (``read_judged``), then hands its page over; None when a run has nothing for it ::
+A module of a folder in ``reports/pages/`` with a function ``write(results, site) -> Page | None`` is called once
+(``RANK`` of the module, 0 without one, puts it later). It hands its page over, or returns None ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
 
-The template ``reports/templates/claims.html`` starts with ``{% extends "base.html" %}`` and fills ``{% block main %}``.
-Text is escaped. Pages are rendered after all modules have run, so each may ask whether another one exists. There are:
+Its template extends ``base.html`` and fills ``{% block main %}``. Templates are rendered after all modules have run:
 
-- ``url(x)`` of a run, a variant, or a solver's name: its address from the top folder, where ``{{ root }}`` leads.
-  ``exists("theatre-chain.html")``; ``pages``: the navigation, in order. A page that is ``about`` a variant's slug, a
-  solver or a run is linked from that one's page.
-- ``{% import "marks.html" as marks with context %}``: what every page shows alike, such as ``marks.status(run)``; plots
-  are ``marks.plot(p)`` for each of ``plots`` inside ``<div class="plots">``, behind ``marks.plots_bar()``.
-- ``term(name, shown)``: a term of the glossary; ``num(value, show)``: a table's entry that sorts by its value;
+- ``url(x)``: address of a run, a variant or a solver's name from the top folder, where ``{{ root }}`` leads;
+  ``exists("theatre-chain.html")``. A page ``about`` a variant's slug, a solver or a run is linked from that one's page.
+- ``{% import "marks.html" as marks with context %}``: what pages show alike, such as ``marks.status(run)`` and
+  ``marks.plot(p)`` for each of ``plots`` inside ``<div class="plots">``, behind ``marks.plots_bar()``.
+- ``term(name, shown)`` of the glossary; ``num(value, show)``: a table's entry that sorts by its value;
   ``looks[solver].colour``; the functions of reports/model/words.py.
 
-``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``; NaN becomes null.
-``site.bundle(name, value)`` writes the same deflated, for ``await MBS.unpack(MBS[name])``; there an array of numpy is
-what ``MBS.numbers(x)`` makes a list of. Scripts are classic, deferred and in the order given: from a disk neither
-modules nor ``fetch`` work. ``MBS.onTheme(f)`` calls f when light and dark change; ``MBS.colour("--ink")`` is a colour
-of the theme. Assets of ``reports/assets/`` are all copied.
+``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``, with NaN as null;
+``site.bundle`` the same deflated, for ``await MBS.unpack(MBS[name])``, where ``MBS.numbers(x)`` makes an array a list.
+Scripts are classic, deferred and in the order given: from a disk neither modules nor ``fetch`` work.
 """
 
 import importlib
@@ -33,28 +25,21 @@ import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from inspect import isfunction
 from pathlib import Path
 from typing import Any, Generic, TypeVar
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
 
 from ...harness.files import FileError
 from ...harness.places import Place
 from ...harness.results.judgements import files
 from ...harness.results.judgements.files import PUBLISHED, File, read_judgement
-from ..model import words
 from ..model.accuracy import energy_kind
 from ..model.frontier import Frontier, frontiers
-from ..model.glossary import term
 from ..model.results import Results, Run, Variant, group_by, packages, slug, stamp
 from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
 from ..plots.spec import Look, Plot, families, looks
+from ..rendering import FOLDER, render
 
-SORTED = 6  # digits of a number that a table sorts by
-FOLDER = Path(__file__).parent.parent
 ASSETS = FOLDER / "assets"
 PLOTTING = ("assets/plots.js",)
 JUDGE = "mbsbench judge"
@@ -144,40 +129,29 @@ class Site:
 
     def finish(self) -> None:
         """Render what was handed over."""
-        environment = self._environment()
+        shared = self._shared_values()
         nav = [p for p in self.pages() if p.nav]
         self.data("pages", [[p.title, p.file] for p in nav if p.file != "index.html"])
         for page, template, values in self._pending.values():
             scripts = ["assets/site.js", *(["data/pages.js"] if page.root else []), *values["scripts"]]
-            given = {**values, "scripts": scripts, "page": page, "root": page.root, "pages": nav}
-            (self.folder / page.file).write(environment.get_template(template).render(given), durable=False)
+            given = {**shared, **values, "scripts": scripts, "page": page, "root": page.root, "pages": nav}
+            (self.folder / page.file).write(render(template, **given), durable=False)
 
     @cached_property
     def _solver_urls(self) -> Mapping[str, str]:
         taken: set[str] = set()
         return {name: f"solver-{slug(name, taken)}.html" for name in self.results.solvers}
 
-    def _environment(self) -> Environment:
-        environment = Environment(loader=FileSystemLoader(FOLDER / "templates"), autoescape=True,
-                                  undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
+    def _shared_values(self) -> dict[str, Any]:
         results, slugs = self.results, {p.title: p.slug for p in self.results.variants}
         related = group_by(self.pages(), lambda p: p.about)
-        environment.tests["known"] = lambda v: v == v  # a number
-        environment.globals.update({k: f for k, f in vars(words).items() if isfunction(f)})
-        environment.globals.update(
-            results=results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
-            run_title=results.environment.get("results_folder") or results.folder.name, stamp=stamp(results),
-            packages=packages(results), nan=float("nan"), num=_num,
-            energy_kind=energy_kind, score_of=score, slug_of=lambda run: slugs[run.variant], term=term,
-            related=lambda about: related.get(about, []), families=families(self.looks),
-        )  # fmt: skip
-        return environment
-
-
-def _num(value: float | None, show: Callable[[float], str] = words.number) -> Markup:
-    """A number as a table's entry that sorts by its value, with as many digits as sorting needs."""
-    v = float("nan") if value is None else float(value)
-    return Markup('<td class="n" data-v="{}">{}</td>').format("" if v != v else f"{v:.{SORTED}g}", show(v))
+        return {
+            "results": results, "looks": self.looks, "url": self.url, "exists": self._pending.__contains__,
+            "run_title": results.environment.get("results_folder") or results.folder.name, "stamp": stamp(results),
+            "packages": packages(results), "energy_kind": energy_kind, "score_of": score,
+            "slug_of": lambda run: slugs[run.variant], "related": lambda about: related.get(about, []),
+            "families": families(self.looks),
+        }  # fmt: skip
 
 
 def writers() -> Iterator[tuple[str, Callable[[Results, Site], Page | None]]]:

@@ -1,19 +1,17 @@
-"""Small drawings inside a page: number lines, sparklines, zooms, sketches; their SVG is in ``drawings.html``."""
+"""Small drawings inside a page: number lines, zooms, sketches; their SVG is in ``drawings.html``."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader
 from markupsafe import Markup
 
+from ..mechanism.segments import Picture
 from ..model.words import decade, number
+from ..rendering import environment
 
 BADGE = {"good": "#1a7044", "wrong": "#b3123a", "failed": "#8f4500", "refused": "#4d5a8f"}
-FLAT = 0.01  # relative: a smaller change is not drawn as one
 LETTER = 7.0  # [px] width of a letter of a name, at most
 TURNS = [math.copysign(k, s) * math.pi / 8.0 for k in range(9) for s in (1, -1)]  # from downwards on, either way
 STEEP = 30.0  # values further apart than this factor are drawn on a logarithmic line
@@ -72,17 +70,6 @@ def describe_bar(measured: float, low: float, high: float, unit: str) -> str:
     return f"measured {value}; band {band}"
 
 
-def sparkline(values: Sequence[float], words: str) -> Markup:
-    """A line through values in their order, logarithmic where they span decades; flat where they hardly differ."""
-    scale = scale_for(values, 22.0, 4.0)
-    known = [v for v in values if math.isfinite(v)]
-    if known and max(known) - min(known) <= FLAT * max(map(abs, known)):
-        middle, room = sum(known) / len(known), max(map(abs, known)) or 1.0
-        scale = Scale(middle - room, middle + room, 22.0, 4.0)
-    step = 102.0 / max(len(values) - 1, 1)
-    return _draw("spark", words, [(4.0 + k * step, scale(v)) for k, v in enumerate(values) if math.isfinite(v)])
-
-
 def panel(title: str, unit: str, values: Sequence[float], colour: str, *, star: bool) -> Markup:
     """Values on a logarithmic axis over steps counted from the last one, which has a star if the run stopped there."""
     first, sizes = len(values) - 1, [abs(v) for v in values]
@@ -116,14 +103,13 @@ def badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
     return _draw("badge", "; ".join(said for *_, said in parts), x, parts)
 
 
-def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Sequence[tuple[str, np.ndarray]],
-           names: Sequence[tuple[str, np.ndarray]], words: str) -> Markup:  # fmt: skip
-    """A mechanism on paper (x right, y up, any unit): bodies, joints, supports, arrows of unit length, names."""
-    at = _fit_to_page(np.concatenate([lines.reshape(-1, 2), ground.reshape(-1, 2)]), 420.0, 300.0, 46.0)
-    ways = [(name, 26.0 * float(way[0]), -26.0 * float(way[1])) for name, way in arrows]
-    ink = np.array([at(p + u * (q - p)) for p, q in lines for u in np.linspace(0.0, 1.0, 50)]).reshape(-1, 2)
-    placed = [(name, *_beside(np.array(at(p)), name, ink)) for name, p in names]
-    return _draw("sketch", words, at(lines), at(joints), at(ground), ways, placed)
+def sketch(p: Picture, words: str) -> Markup:
+    """A mechanism on paper: bodies, joints, supports, arrows of unit length, names."""
+    at = _fit_to_page(np.concatenate([p.lines.reshape(-1, 2), p.ground.reshape(-1, 2)]), 420.0, 300.0, 46.0)
+    ways = [(name, 26.0 * float(way[0]), -26.0 * float(way[1])) for name, way in p.arrows]
+    ink = np.array([at(a + u * (b - a)) for a, b in p.lines for u in np.linspace(0.0, 1.0, 50)]).reshape(-1, 2)
+    placed = [(name, *_beside(np.array(at(c)), name, ink)) for name, c in p.names]
+    return _draw("sketch", words, at(p.lines), at(p.joints), at(p.ground), ways, placed)
 
 
 def snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, words: str) -> Markup:
@@ -167,13 +153,4 @@ def _beside(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:
 
 def _draw(macro: str, *values: object) -> Markup:
     """A drawing of the template; numbers to a tenth of a pixel."""
-    return getattr(_environment().get_template("drawings.html").module, macro)(*values)
-
-
-@cache
-def _environment() -> Environment:
-    loader = FileSystemLoader(Path(__file__).parent.parent / "templates")
-    out = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    out.filters.update(px=lambda v: f"{v:.1f}", finite=math.isfinite)
-    out.globals["number"] = number
-    return out
+    return getattr(environment().get_template("drawings.html").module, macro)(*values)

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...harness.places import Place
+from ..mechanism.segments import picture_of
 from ..model.results import Results, read_results
-from ..plots.printed import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, sheet
+from ..plots.paper import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, sheet
 from ..plots.spec import Look, Plot, Trace, looks
 from .captions import FOLDER, Caption, caption, write
 from .catalogue import FIGURES, Panel, PaperFigure, Sketch
@@ -68,8 +69,11 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
                 ax.set_title(f"{chr(ord('a') + letter)}  {part.title}")
                 letter += 1
             if isinstance(part, Sketch):
-                source = next((k.series for k in lines if k.series is not None and "frame_t" in k.series), None)
-                if not draw_sketch(ax, part.view, source):
+                picture = next(filter(None, (picture_of(k.series) for k in lines)), None)
+                if picture:
+                    draw_sketch(ax, picture)
+                else:
+                    ax.set_axis_off()
                     words = fill(plain(f"{lines[0].words}{': no poses recorded' if lines[0].run else ''}"), 40)
                     ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color=MUTED)
             elif isinstance(plot, Plot):

@@ -128,9 +128,9 @@ def _note(figure: PaperFigure, lines: Sequence[Line]) -> list[str]:
         run = k.run
         if run is None:
             out.append(f"Not in these results: {k.asked.case}.")
-        elif not run.succeeded:
+        elif not run.is_success:
             how = run.status.replace("_", " ")
-            if run.stopped:
+            if run.has_stopped:
                 how = f"stops at {run.record.t_reached_s:.5g} s, {how}" if k.series is not None else f"no step, {how}"
             out.append(f"{k.role}, {k.settings}: {how} ({run.reasons[0]}).")
     if figure.not_printed:

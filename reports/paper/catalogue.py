@@ -42,7 +42,6 @@ class Sketch:
     """The mechanism at t = 0, drawn from the stored poses and joints of the first run that has them."""
 
     title: str
-    view: str  # name in reports.paper.sketch
     width: int = 6
 
 

@@ -130,8 +130,8 @@ def plot_of(panel: Panel, lines: Sequence[Line]) -> Plot:
     traces = []
     for k, c in made:
         run = k.run
-        ends = run and run.record.t_reached_s <= panel.window[1] * (1.0 + 1e-9) and (run.stopped or len(panel.of) == 1)
-        end = end_of(run.status) if run and ends else ""
+        inside = run and run.record.t_reached_s <= panel.window[1] * (1.0 + 1e-9)
+        end = end_of(run.status) if run and inside and (run.has_stopped or len(panel.of) == 1) else ""
         solver = k.asked.solver
         traces.append(Trace(k.words, c.t, np.clip(c.y, low, high), solver=solver, dash=k.dash, end=end))
     if exact is not None:
@@ -147,7 +147,7 @@ def curve(line: Line, name: str, panel: Panel) -> Curve | None:
     if line.series is None or name not in line.series:
         return None
     t, a = line.series["t"], line.series[name]
-    if name == "dt" and line.run is not None and not line.run.stopped and len(t) > 2:
+    if name == "dt" and line.run is not None and not line.run.has_stopped and len(t) > 2:
         t, a = t[:-1], a[:-1]  # the last step may be cut to end at t_end; of a failure it is the point
     return within(t, a, panel.window, largest=panel.axis.log and name != "dt")
 
@@ -163,9 +163,8 @@ def within(t: np.ndarray, a: np.ndarray, window: tuple[float, float], *, largest
 
 def exact_of(panel: Panel, lines: Sequence[Line]) -> Curve | None:
     """The reference's series from the line that has it to the latest time."""
-    found = [
-        k.series for k in select_lines(panel, lines) if panel.exact and k.series is not None and panel.exact in k.series
-    ]
+    of = [k.series for k in select_lines(panel, lines) if k.series is not None]
+    found = [s for s in of if panel.exact and panel.exact in s]
     longest = max(found, key=lambda s: np.max(s["t"], where=np.isfinite(s[panel.exact]), initial=-np.inf), default=None)
     return None if longest is None else within(longest["t"], longest[panel.exact], panel.window)
 

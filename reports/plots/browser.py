@@ -39,7 +39,7 @@ class Steps:
         self.values = np.asarray(values, dtype=float)
         self.log = log and bool(np.all(self.values >= 0.0))
 
-    def counted(self) -> tuple[np.ndarray, dict[str, float]]:
+    def count_steps(self) -> tuple[np.ndarray, dict[str, float]]:
         """Whole numbers below 65536, and how to undo them."""
         v = self.values
         if not v.size or not np.all(np.isfinite(v)):
@@ -60,10 +60,9 @@ class Steps:
 def _leaves(value: Any, parts: bytearray) -> Any:
     """The value with its arrays put into ``parts``."""
     if isinstance(value, Steps):
-        counts, undo = value.counted()
-        return (
-            _store_array(counts, parts) | undo if undo or not value.values.size else _store_array(value.values, parts)
-        )
+        counts, undo = value.count_steps()
+        packed = undo or not value.values.size
+        return _store_array(counts, parts) | undo if packed else _store_array(value.values, parts)
     if isinstance(value, np.ndarray):
         return _store_array(value, parts)
     if isinstance(value, Mapping):

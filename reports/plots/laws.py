@@ -49,12 +49,12 @@ class Drawing:
         return Axis("t", "s", low=0.0, high=1.02 * max(ends, default=1.0), link="time", symbol="t")
 
     @property
-    def known(self) -> Axis:
+    def known_axis(self) -> Axis:
         """As far as the exact motion is known."""
         ends = [r.reference_horizon_s for c in self.runs if (r := c.record).reference and r.reference_horizon_s > 0.0]
         return replace(self.axis, high=min(self.axis.high, 1.02 * max(ends, default=math.inf)))
 
-    def named(self, kind: str) -> dict[str, str]:
+    def find_curves(self, kind: str) -> dict[str, str]:
         """Names of curves that begin with ``kind``, without it, with their units."""
         out: dict[str, str] = {}
         for m in self.motions.values():
@@ -67,7 +67,7 @@ class Drawing:
         found = (m.curves[name] for m in self.motions.values() if name in m.curves)
         return max(found, key=lambda c: float(c.t[-1]), default=None)
 
-    def drawn(self, name: str, lines: Iterable[Line]) -> list[tuple[Line, Curve]]:
+    def match_lines(self, name: str, lines: Iterable[Line]) -> list[tuple[Line, Curve]]:
         """The lines that have the curve, with it."""
         found = ((line, self.motions[line.run.record.run_id].curves.get(name)) for line in lines)
         return [(line, c) for line, c in found if c is not None]
@@ -77,7 +77,7 @@ class Drawing:
         main = [line for line in self.lines if line.main]
         own = [line for line in main if line.run.record.label == self.label] or main
         found = [(float(np.max(c.y[c.t <= until], initial=0.0)), line.run.record.solver)
-                 for line, c in self.drawn(name, own)]  # fmt: skip
+                 for line, c in self.match_lines(name, own)]  # fmt: skip
         return [min(found), max(found)][: len(found)] if found else []
 
     def scale(self, column: str) -> float:
@@ -87,7 +87,7 @@ class Drawing:
     def log(self, curve: str, name: str, title: str, caption: str, axis: Axis, scale: float,
             extra: Sequence[Trace] = (), t: Axis | None = None, until: float = math.inf) -> Iterable[Plot]:  # fmt: skip
         """A quantity of one sign over time; no plot when no run has it."""
-        drawn = self.drawn(curve, self.lines)
+        drawn = self.match_lines(curve, self.lines)
         if drawn:
             low, high = log_limits([c for _, c in drawn], scale)
             high = max(high, *(3.0 * v for t in extra for v in t.reach), high)
@@ -131,7 +131,7 @@ def errors(d: Drawing) -> Chapter | None:
     length, until, own = d.scale("length_scale_m"), judged_until(d.runs), d.longest("reference_own_error")
     floor = [] if own is None else [Trace("the reference's stated error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
-    known = d.known, until or math.inf
+    known = d.known_axis, until or math.inf
     plots = [
         *d.log("position_error", "position", "Position error", far, Axis("|r − r exact|", "m"), length, floor, *known),
         *d.log("orientation_error", "orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), 1.0, (),
@@ -149,8 +149,8 @@ def errors(d: Drawing) -> Chapter | None:
 def observables(d: Drawing) -> Chapter | None:
     """Each value with the reference, and the distance from it."""
     plots: list[Plot] = []
-    for name, in_unit in d.named("obs_").items():
-        exact, drawn = d.longest(f"ref_{name}"), d.drawn(f"obs_{name}", d.lines)
+    for name, in_unit in d.find_curves("obs_").items():
+        exact, drawn = d.longest(f"ref_{name}"), d.match_lines(f"obs_{name}", d.lines)
         low, high = value_limits([c for _, c in drawn], exact)
         known = [] if exact is None else [Trace("reference", exact.t, exact.y, reach=span(exact, (low, high)))]
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
@@ -158,17 +158,18 @@ def observables(d: Drawing) -> Chapter | None:
         axis = Axis(name, in_unit, low=low, high=high)
         ends = (f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.extremes(f"away_{name}"))
         off = " to ".join(ends)
-        plots.append(Plot(f"obs-{name}", name, caption, d.known if known else d.axis, axis, [*own, *known],
+        plots.append(Plot(f"obs-{name}", name, caption, d.known_axis if known else d.axis, axis, [*own, *known],
                           focus=d.focus, finding=f"{name}: off by {off}" if off else ""))  # fmt: skip
         plots += d.log(f"away_{name}", f"away-{name}", f"{name}: distance from the reference",
-                       f"Magnitude, {d.largest}.", Axis("|difference|", in_unit), high - low, (), d.known)  # fmt: skip
+                       f"Magnitude, {d.largest}.", Axis("|difference|", in_unit), high - low, (),
+                       d.known_axis)  # fmt: skip
     return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)
 
 
 def invariants(d: Drawing) -> Chapter | None:
     """Departure of each from its start."""
     plots: list[Plot] = []
-    for name, in_unit in d.named("inv_").items():
+    for name, in_unit in d.find_curves("inv_").items():
         starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.runs]
         size = max((s for s in starts if 0.0 < s < float("inf")), default=1.0)
         caption = f"Departure from the start ({number(size)} {in_unit}), {d.largest}."

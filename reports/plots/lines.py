@@ -103,14 +103,14 @@ def coincide(a: Trace, b: Trace, floor: float | None) -> bool:
 
 
 def _urgency(line: Line) -> tuple[bool, bool, int]:
-    return not line.main, line.run.succeeded, line.dash
+    return not line.main, line.run.is_success, line.dash
 
 
 def describe_end(run: Run) -> str:
     """For the name of its line; empty for a success."""
     word, r = run.status.replace("_", " "), run.record
-    if run.succeeded:
+    if run.is_success:
         return ""
     if run.status == "refused" or not (r.steps and r.t_reached_s > 0.0):
         return f" ★ no step: {word}"
-    return f" ★ {word} at {time(r.t_reached_s)} s" if run.stopped else f" ✗ {word}"
+    return f" ★ {word} at {time(r.t_reached_s)} s" if run.has_stopped else f" ✗ {word}"

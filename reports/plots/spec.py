@@ -100,9 +100,8 @@ class Chapter:
 
 def end_of(status: str) -> str:
     """How a plot marks the end of a run with this status."""
-    return {"success": "", "inaccurate": "", "refused": "", "unfinished": "", "unknown": "", "wrong": "wrong"}.get(
-        status, "failed"
-    )
+    sound = ("success", "inaccurate", "refused", "unfinished", "unknown")
+    return "" if status in sound else "wrong" if status == "wrong" else "failed"
 
 
 @dataclass(frozen=True)

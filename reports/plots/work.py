@@ -187,9 +187,8 @@ def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> l
 
 def _trace(name: str, own: Sequence[Point], work: str, error: str, folded: bool, mode: str, dash: int) -> Trace:
     ladder, repeated = len({p.method for p in own}) == 1, any(p.run.record.repeats > 1 for p in own) and work == "cpu"
-    spread = [
-        (r.cpu_min_s, r.cpu_max_s) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in (p.run.record for p in own)
-    ]
+    records = [p.run.record for p in own]
+    spread = [(r.cpu_min_s, r.cpu_max_s) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in records]
     left, right = np.array(spread).T
     return Trace(
         name, _numbers(own, "works", work), _numbers(own, "errors", error), solver=own[0].solver, mode=mode, dash=dash,

@@ -3,7 +3,7 @@
 ``Featherstone`` has joint coordinates and semi-implicit Euler steps; ``MuJoCo`` is MuJoCo Warp under Newton's model;
 ``XPBD`` and ``Kamino`` have six coordinates a body, and find joint forces by iteration: gaps of joints are theirs.
 Points of cut joints are ball joints outside of the tree, which Featherstone does not know. Joint armature is zero.
-Accelerations of Featherstone and Kamino are compared (``export.stepped``). XPBD has none, for it moves bodies and takes
+Accelerations of Featherstone and Kamino are compared (``export.stepping``). XPBD has none: it moves bodies and takes
 velocities from that: what is compared is the model that it is given, by MuJoCo's forces (``export.model_check``).
 With ``settings`` "default" all else is as the solver ships: Featherstone's angular_damping 0.05 for one.
 """
@@ -17,7 +17,7 @@ from ...harness.mechanics.joints import JointKind
 from ...harness.types import Problem, StepControl
 from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
 from .export.protocol import Adapter
-from .export.stepped import Stepped
+from .export.stepping import Stepped
 from .export.tree import DRIVES, spanning_tree
 
 SOLVERS = ("Featherstone", "MuJoCo", "XPBD", "Kamino")

@@ -14,7 +14,7 @@ from .differences import DifferencedForm
 from .layout import Layout
 from .recording import Clocked
 from .start import coordinates_and_velocities, make_consistent, redundancy_refusal, start_unloaded
-from .traced import without_expression
+from .tracing import without_expression
 
 
 @dataclass(frozen=True)

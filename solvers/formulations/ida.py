@@ -75,7 +75,7 @@ def integrate(
             return t, y, reaction
 
         def count(steps: int) -> dict[str, int]:
-            spent, jacobians = (sum(getattr(piece, n) for piece in pieces) for n in ("spent", "jacobians"))
+            jacobians, spent = sum(p.jacobians for p in pieces), sum(p.difference_evaluations for p in pieces)
             counted = {"jacobians": jacobians, "factorisations": jacobians, "difference_evaluations": spent}
             return {"evaluations": sum(piece.evaluations for piece in pieces) + spent, **counted}
 
@@ -101,7 +101,7 @@ class _Piece:
                 equations, linear_solver, rtol=control.rtol, start=problem.initial.t,
                 atol=tolerances(control.rtol, layout.n, start.out_of_test)[order],
                 first_step=min(first_step, control.max_step or np.inf), max_step=control.max_step or 0.0,
-                seconds=clock.left(),
+                seconds=clock.cpu_left(),
             )
         )  # fmt: skip
         self._ida.stop_at(problem.t_end)
@@ -115,7 +115,7 @@ class _Piece:
         return self._ida.jacobians
 
     @property
-    def spent(self) -> int:
+    def difference_evaluations(self) -> int:
         """Evaluations spent on Jacobians by differences."""
         return self._form.difference_evaluations
 

@@ -33,7 +33,7 @@ def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " ran
         return np.zeros(0, dtype=np.int64)
     distance = squared_distances(system, state)
     if np.any((distance > DEPENDENT) & (distance < INDEPENDENT)):
-        return _orthogonalised(system, state)
+        return _choose_by_orthogonalisation(system, state)
     return np.flatnonzero(distance >= INDEPENDENT)
 
 
@@ -83,7 +83,7 @@ def _joints_in_order(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
     return np.lexsort((np.minimum(place[i], place[j]), np.maximum(place[i], place[j])))
 
 
-def _orthogonalised(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
+def _choose_by_orthogonalisation(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
     """The same set by a dense orthogonalisation, of each joint's rows in the order of their distances."""
     A = even_jacobian(system, state)
     rows, basis, kept = A.toarray(), np.zeros((0, A.shape[1])), []

@@ -45,7 +45,7 @@ class Clock:
         """That of a run at its limit."""
         return StepFailure(Status.STALLED, f"the CPU limit of {self.limit:g} s was reached")
 
-    def left(self) -> float | None:
+    def cpu_left(self) -> float | None:
         """CPU time until the limit [s], if there is one."""
         return None if self.limit is None else self.limit - (cpu_seconds() - self.began)
 
@@ -119,7 +119,7 @@ def march(
     except MemoryError:
         status, message = Status.MEMORY, f"stopped at t = {times[-1]:.6g} s: out of memory"
     cpu_time, t_all, y_all, nt = clock.cpu_time(), np.array(times), np.array(ys), len(times)
-    states = _states(layout, y_all).timed(t_all)
+    states = _states(layout, y_all).with_times(t_all)
     margin = layout.chart.margin(y_all[:, layout.p].reshape(nt, layout.system.nb, layout.chart.size))
     if in_use is not None:
         layout, changes = in_use()

@@ -16,7 +16,7 @@ from .layout import Layout, Stabilised
 from .rows.expressions import force_numbers, joint_numbers
 from .sparse_pattern import FixedPattern
 from .symbolic import body_element, push_element, row_element
-from .traced import user_element
+from .tracing import user_element
 
 
 class PairEnds(NamedTuple):

@@ -16,7 +16,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.eta import COMPILING, PREPARING, REFERENCES, describe_wait
 from mbsbench.harness.execution.run import MEASURING
 from mbsbench.harness.files import to_json
-from mbsbench.harness.reference.computed import Source, source_of
+from mbsbench.harness.reference.computation import Source, source_of
 
 _, DECLARED = top_parser()
 add_commands(DECLARED)

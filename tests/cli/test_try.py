@@ -25,7 +25,7 @@ from mbsbench.harness.results.judgements.runs import Order
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Trait
-from mbsbench.reports.tried import write_page
+from mbsbench.reports.trial import write_page
 
 from ..harness.conftest import PLUGIN
 

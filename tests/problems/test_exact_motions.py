@@ -8,7 +8,7 @@ import pytest
 from mbsbench import Joint, RigidBody, State, assemble, make_problem, so3
 from mbsbench.harness.reference.extrapolation import gbs
 from mbsbench.problems.exact.one_body import one_body_motion
-from mbsbench.problems.exact.pinned import PinnedBody
+from mbsbench.problems.exact.pinned_body import PinnedBody
 
 TOPS = [
     ("heavy_top", {}),

@@ -10,7 +10,7 @@ from mbsbench import Problem, States, Status, StepControl, constraint
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, time_functions, work
 from mbsbench.harness.mechanics.jacobian import singular_values
-from mbsbench.harness.reference.computed import compute_reference
+from mbsbench.harness.reference.computation import compute_reference
 from mbsbench.problems import n_four_bar
 
 

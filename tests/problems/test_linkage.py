@@ -8,7 +8,7 @@ import pytest
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.reference.extrapolation import each, gbs_adaptive
 from mbsbench.problems import chain, four_bar_grid
-from mbsbench.problems.exact.certified import CertifiedMotion
+from mbsbench.problems.exact.certification import CertifiedMotion
 from mbsbench.problems.exact.linkage import Linkage, by_angles, by_nodes
 
 EXTENDED_CORRECTION = 1e-17  # of each step of the check

@@ -11,7 +11,7 @@ from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.types import ReferenceKind, kind_of
 from mbsbench.problems.exact.balls import in_balls, nearest_rotation, vector
 from mbsbench.problems.exact.one_body import pinned_motion
-from mbsbench.problems.exact.pinned import PinnedBody, PinnedMotion
+from mbsbench.problems.exact.pinned_body import PinnedBody, PinnedMotion
 
 DIGITS, ORDER = 50, 25
 SKEWED = np.diag([1.0 + 1e-11, 1.0, 1.0])

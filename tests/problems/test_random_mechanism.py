@@ -7,7 +7,7 @@ from mbsbench import State, States, Status, StepControl, independent_rows, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
 from mbsbench.harness.metrics.measure import _laws
-from mbsbench.harness.reference.computed import compute_reference
+from mbsbench.harness.reference.computation import compute_reference
 from mbsbench.solvers.formulations.rank import rows_to_keep
 
 SIZES = pytest.mark.parametrize("size", [1e-5, 1e5])

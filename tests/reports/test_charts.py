@@ -13,11 +13,11 @@ from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.pages.judged.cost import growths
-from mbsbench.reports.plots import printed, spec
+from mbsbench.reports.plots import paper, spec
 from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
 from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, limit, observables
 from mbsbench.reports.plots.lines import MOST, lines_of, traces
-from mbsbench.reports.plots.printed import Legend, figure
+from mbsbench.reports.plots.paper import Legend, figure
 from mbsbench.reports.plots.spec import Axis, Plot, Trace
 from mbsbench.reports.plots.work import work_chapter
 
@@ -192,7 +192,7 @@ def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
 
 def test_ends_are_marked_and_settings_named(built):
     d = drawing_of(built[0])
-    found = {t.solver: t for t in traces(d.drawn("energy_error", d.lines), (0.0, 1.0))}
+    found = {t.solver: t for t in traces(d.match_lines("energy_error", d.lines), (0.0, 1.0))}
     assert found["delta"].end == "failed" and "step underflow at 0.7 s" in found["delta"].name
     assert found["beta"].end == "wrong" and found["delta"].urls == ("dd01",)
     assert float(found["delta"].x[-1]) == pytest.approx(0.7)
@@ -342,17 +342,17 @@ def test_slope_of_growth_is_that_of_the_data(tmp_path):
 
 def test_text_of_files_is_plain_in_figures():
     """Nothing of it is mathematics."""
-    assert printed.plain("a$b") == r"a\$b"
+    assert paper.plain("a$b") == r"a\$b"
 
 
 @pytest.mark.parametrize("decades", [0.5, 0.97, 1.5, 3.0, 30.0])
 @pytest.mark.parametrize("low", [1.05e-5, 2.1e-5, 3.3e-5, 9.1e-5])
 def test_labels_of_a_printed_log_axis_do_not_overlap(low, decades):
     """In the width of one column, from half a decade to thirty; there is always a label."""
-    with printed.style():
-        figure = printed.sheet(printed.SINGLE, 2.0)
+    with paper.style():
+        figure = paper.sheet(paper.SINGLE, 2.0)
         ax, canvas = figure.add_subplot(), FigureCanvasAgg(figure)
-        printed.log_axis(ax, "x")
+        paper.log_axis(ax, "x")
         ax.set_xlim(low, low * 10.0**decades)
         canvas.draw()
         ticks = [*ax.xaxis.get_major_ticks(), *ax.xaxis.get_minor_ticks()]

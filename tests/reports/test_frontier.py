@@ -9,10 +9,10 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.reports import site
-from mbsbench.reports.model.followed import list_followed
 from mbsbench.reports.model.frontier import engines_first, frontiers, of_most_problems
 from mbsbench.reports.model.results import Run, Variant, read_results
 from mbsbench.reports.model.scores import finest, score, standings, unpredictable
+from mbsbench.reports.model.tracking import list_followed
 from mbsbench.reports.model.variants import OTHER_PARAMETERS, broadest, themselves, variant_groups
 from mbsbench.reports.pages.runs.solvers import card_of
 

@@ -31,7 +31,7 @@ def test_margin_is_the_error_that_is_the_largest_part_of_its_limit():
     assert found.words == "the energy error is 0.0300 of 0.100 J allowed"
     near = margin(Run(record("aa02", energy_drift_max_J=0.03, phi_max=5e-3, phi_limit_m=0.01)))
     assert near is not None and near.words == "|phi| is 0.00500 of 0.0100 m allowed"
-    judged = Scales(length=1.0, speed=2.0, momentum=1.0, energy=3.0, reach=1.0, gap=1.0).allowed
+    judged = Scales(length=1.0, speed=2.0, momentum=1.0, energy=3.0, reach=1.0, gap=1.0).limits
     assert judged == {
         law: part * {Law.ENERGY: 3.0, Law.CONSTRAINT_RATE: 2.0}.get(law, 1.0) for law, part in ALLOWED.items()
     }

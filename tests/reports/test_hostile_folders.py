@@ -218,7 +218,8 @@ ELSEWHERE = {
     "reports/pages/base.py": ("read_bytes", "our own assets"),
     "reports/plots/spec.py": ("glob", "our own catalogue"),
     "reports/site.py": ("iterdir", "our own assets"),
-    "reports/tried.py": ("read_bytes write_text", "a temporary folder, and the page that the user named"),
+    "reports/rendering.py": ("write_text", "the page that the user named"),
+    "reports/trial.py": ("read_bytes", "a temporary folder"),
 }
 
 

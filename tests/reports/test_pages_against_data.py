@@ -17,7 +17,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.claims import Finding, Gap, Missing, Verdict
 from mbsbench.reports import site
 from mbsbench.reports.model.words import number
-from mbsbench.reports.pages.change.compare import write_compare
+from mbsbench.reports.pages.compare import write_compare
 from mbsbench.reports.pages.judged.claims import origins
 
 from .conftest import put, record, series

@@ -72,5 +72,5 @@ def test_the_loop_lasts_six_seconds_and_shows_the_last_moment_without_animation(
     assert set(re.findall(r'dur="(\w+)"', drawn)) == {"6s"}
     ends = re.findall(r' d="([^"]+)"><animate[^>]* values="([^"]+)"', drawn)
     assert len(ends) == 1 + len(pictures.ROLES) and all(one.endswith(f";{still}") for still, one in ends)
-    shown = re.findall(r'opacity="1">off by ([\d.]+) mm', drawn)
+    shown = re.findall(r'opacity="1">position error ([\d.]+) mm', drawn)
     assert len(shown) == 2 and 10.0 * float(shown[0]) < float(shown[1])

@@ -28,8 +28,8 @@ def test_the_best_is_the_cheapest_within_the_target(tmp_path):
     (contest,) = contests(read_results(tmp_path))
     best = {pair.who: pair.best.record.cpu_median_s for pair in contest.pairs}
     assert (best["alpha"], best["beta"]) == (2.0, 9.0)
-    assert contest.reached([p.shipped for p in contest.pairs]) == (0, 2)
-    assert contest.reached([p.best for p in contest.pairs]) == (1, 2)
+    assert contest.count_within([p.shipped for p in contest.pairs]) == (0, 2)
+    assert contest.count_within([p.best for p in contest.pairs]) == (1, 2)
     page = (site.build(tmp_path).parent / "engines.html").read_text()
     assert [pair.tried for pair in contest.pairs if pair.who == "alpha"] == [2]
     assert "0 to 2 settings of each, steps of 0.00625 to 0.05 s" in " ".join(page.split())

@@ -10,7 +10,7 @@ import numpy as np
 from mbsbench import Problem, Status, StepControl, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.reference.computed import reference_of
+from mbsbench.harness.reference.computation import reference_of
 
 from .arbitrary_systems import consistent, linkage
 

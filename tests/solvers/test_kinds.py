@@ -106,7 +106,7 @@ def test_energy_less_the_work_of_loads_and_dampers_is_kept(kind):
     """E - E(0) - W along DOP853: the work is a quadrature of fourth order over its long steps."""
     p, _ = swing(kind)
     out = run(p, 1e-12, "rkmk_dop853")
-    gained, states = drift(p, out), out.states.timed(out.t)
+    gained, states = drift(p, out), out.states.with_times(out.t)
     W = work.work(p.system, out.t, states, motion.energy(p.system, states))[0]
     assert np.max(np.abs(gained)) > 1e-3
     assert np.max(np.abs(gained - W)) < 1e-6 * np.max(np.abs(gained))

@@ -177,7 +177,7 @@ def test_the_clock_is_looked_at_inside_a_step(solver, monkeypatch):
             raise StepFailure(Status.STALLED, "the CPU limit was reached")
 
     monkeypatch.setattr(Clock, "check", check)
-    monkeypatch.setattr(Clock, "left", lambda clock: 0.0)
+    monkeypatch.setattr(Clock, "cpu_left", lambda clock: 0.0)
     problem = make_problem("n_four_bar", {"windows": 2, "t_end": 10.0})
     t = make_solver(solver).solve(problem, StepControl(rtol=1e-6, cpu_limit=100.0))
     assert t.status is Status.STALLED and "CPU limit" in t.message

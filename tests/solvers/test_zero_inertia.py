@@ -49,7 +49,7 @@ def test_axial_inertia_in_a_plane_changes_nothing(solver: str, size: float) -> N
     """A grid of slender rods (redundant rows) as with 1e-4 kg m2 put in by hand: motion, energy, loads of joints."""
     given = {"rows": 1, "columns": 2, "t_end": 0.2}
     none, some = (make_problem("four_bar_grid", {**given, "axial_inertia": J}) for J in (0.0, 1e-4))
-    assert np.any(none.system.lent)
+    assert np.any(none.system.added_inertia)
     a, b = (solved(p, solver, size) for p in (none, some))
     assert len(a.t) == len(b.t)
     assert np.allclose(a.states.r, b.states.r, rtol=0.0, atol=1e-10)

@@ -62,7 +62,7 @@ def dissect(s: Series) -> Anatomy | None:
     t, e = s["t"], s["energy_error"]
     if not np.all(np.isfinite(e)):
         return None
-    marks = find_periods(t, s.named("obs_"))
+    marks = find_periods(t, s.select("obs_"))
     if marks is None or len(marks) <= PERIODS:
         return None
     return split_error(t, e, marks)

@@ -37,7 +37,7 @@ class Fit:
     floor: float = math.nan  # median error of the finer points left out
 
     @property
-    def left(self) -> tuple[float, ...]:
+    def finer_slopes(self) -> tuple[float, ...]:
         """Slopes finer than those of the points used."""
         last = max((k for k, u in enumerate(self.used) if u), default=len(self.slopes))
         return self.slopes[last:]

@@ -143,7 +143,7 @@ def _certify_quantity(run: Sequence[RunRecord], q: Quantity) -> Order | None:
         rtol=() if fixed else tuple(r.rtol for r in done),
         exponent=rate.order, exponent_low=rate.low, exponent_high=rate.high,
         verdict=("refused" if refused else "not measured") if few else _verdict(fit, first.declared_order, fixed),
-        fit=fit.kind, slopes=fit.left if any(fit.used) else fit.slopes, unfinished=len(failed),
+        fit=fit.kind, slopes=fit.finer_slopes if any(fit.used) else fit.slopes, unfinished=len(failed),
         unmeasured=len(run) - len(failed) - len(done),
         notes=tuple(n for n, there in notes.items() if there), t_end_s=first.t_end_s,
         settings_ids=tuple(r.settings_id for r in done), status=ended[-1].status if ended else "",

@@ -34,7 +34,7 @@ from . import register as given
 from .conditions import decision, factors
 from .evidence import MEASURES
 from .maps import Place, find_varied, place, select, values_of
-from .measured import Numbers, SeriesOf, shorten
+from .numbers import Numbers, SeriesOf, shorten
 from .points import Point, points
 from .predicates import FACTOR, NEAREST, RATIOS, Band
 from .register import Register
@@ -213,7 +213,7 @@ def _move(test: given.Test, factor: float, end: float) -> Band:
     if natural == "firm" or (test.metric == "column" and test.arguments["name"] in COUNTS):
         return test.band  # a count, or an end reached
     is_ratio = natural == "one" or test.combine in RATIOS or test.compare in ("over largest", "over smallest")
-    return test.band.moved(factor, is_ratio=is_ratio, end=end if natural == "end" else math.inf)
+    return test.band.move(factor, is_ratio=is_ratio, end=end if natural == "end" else math.inf)
 
 
 def _borderline(

@@ -17,8 +17,8 @@ from ...types import Status
 from .endings import gets_to, in_time, is_settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
-from .measured import Numbers
 from .measures import reached_end
+from .numbers import Numbers
 from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
 

@@ -21,7 +21,7 @@ class Band:
     def holds(self, value: float) -> bool:
         return self.low <= value <= self.high  # False for NaN
 
-    def moved(self, factor: float, *, is_ratio: bool = False, end: float = math.inf) -> "Band":
+    def move(self, factor: float, *, is_ratio: bool = False, end: float = math.inf) -> "Band":
         """Wider by ``factor``, or narrower by one below 1; an open end stays.
 
         A limit alone moves by its distance from the natural one, which does not move: 0, 1 of a ratio, or the ``end``
@@ -68,10 +68,10 @@ def _worst_step(values: Sequence[float]) -> float:
 def _of_all(function: Callable[[Sequence[float]], float]) -> Callable[[Sequence[float]], float]:
     """NaN as soon as one is: a run that has no such number must not be passed over."""
 
-    def guarded(values: Sequence[float]) -> float:
+    def reduce_values(values: Sequence[float]) -> float:
         return NAN if not values or any(math.isnan(v) for v in values) else float(function(values))
 
-    return guarded
+    return reduce_values
 
 
 NEAREST = "nearest"  # not of values but of runs: the one value of the dimension that meets all tests, or nearly so

@@ -27,7 +27,7 @@ class Box:
         """A step of the int16 grid [m]; positions are off by half of it at most."""
         return np.maximum(self.high - self.low, 1e-12) / (2 * LEVELS)
 
-    def grown(self, by: float) -> "Box":
+    def widen(self, by: float) -> "Box":
         """With walls ``by`` times its largest side further out."""
         out = by * float(np.max(self.high - self.low))
         return Box(self.low - out, self.high + out)

@@ -48,10 +48,10 @@ class Player:
 
 def players(results: Results, variant: Variant) -> tuple[list[Player], list[Player], tuple[Run, ...]]:
     """The cast with its motion, runs that a visitor may add, failures first, and the runs left out of the cast."""
-    chosen, left_out = cast(variant, [c.record.run_id for c in variant.runs if c.record.series])
+    chosen, left_out = choose_players(variant, [c.record.run_id for c in variant.runs if c.record.series])
     found = _with_motion(results, chosen)
     absent = tuple(c for c in chosen if all(c is not p.run for p in found))
-    more = sorted((c for c in left_out if c.record.series), key=lambda c: c.succeeded)
+    more = sorted((c for c in left_out if c.record.series), key=lambda c: c.is_success)
     return found, _with_motion(results, more[:MOST_ADDED], found[:1]), (*left_out, *absent)
 
 
@@ -99,9 +99,9 @@ def scene(
     body = min(scale, float(np.median(lengths))) if lengths else scale
     ground = ground_points(lead.series)
     gravity = np.asarray(lead.series["gravity"], dtype=float) if "gravity" in lead.series else np.zeros(3)
-    sound = [p for p in cast_ if p.run.succeeded] or [lead]
+    sound = [p for p in cast_ if p.run.is_success] or [lead]
     stage = _reach(sound, shapes, ground)
-    box = stage.grown(0.75)  # players that fly apart stay at its walls
+    box = stage.widen(0.75)  # players that fly apart stay at its walls
     long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
     spans = SPANS if long else SPANS // 3
     at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
@@ -110,7 +110,7 @@ def scene(
 
     exact = exact_of(cast_)
 
-    def packed(k: int, p: Player, most: int) -> dict[str, Any]:
+    def pack_player(k: int, p: Player, most: int) -> dict[str, Any]:
         kept, rows = _pack_poses(p.poses, box, body, most)
         distance, angle = off(p.poses, rows)
         r, strips = p.run.record, round_mantissa(strips_of(p.series, p.run, t_end, spans, kinds))
@@ -118,7 +118,7 @@ def scene(
             "solver": r.solver, "settings": p.run.settings(), "label": r.label,
             "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
             "run": r.run_id, "colour": looks[r.solver].colour, "rank": rank[r.run_id],
-            "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
+            "stopped": p.run.has_stopped, "last": float(p.series["t"][-1]),
             **kept, "stored": len(p.poses) - p.added, "added": p.added, "unknown": p.unknown,
             "off_m": distance, "off_rad": angle, "strips": strips.ravel(), "marks": marks_of(p.series, p.run, k),
         }  # fmt: skip
@@ -129,10 +129,10 @@ def scene(
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
         "ground": ground.tolist(), "shapes": shapes, "trail": _trail(lead, shapes), "spans": spans, "strips": kinds,
         "exact": exact and {**_pack_poses(exact, box, body, MOST_POSES)[0], "until": float(exact.t[-1])},
-        "players": [packed(k, p, at_most) for k, p in enumerate(cast_)],
+        "players": [pack_player(k, p, at_most) for k, p in enumerate(cast_)],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
     }  # fmt: skip
-    return play, [packed(len(cast_), p, min(at_most, ADDED_POSES)) for p in more]
+    return play, [pack_player(len(cast_), p, min(at_most, ADDED_POSES)) for p in more]
 
 
 def exact_of(cast_: Sequence[Player]) -> Poses | None:
@@ -189,13 +189,15 @@ def _trail(lead: Player, shapes: Sequence[Shape]) -> dict[str, Any]:
     return {"body": body, "at": at.tolist()}
 
 
-def cast(variant: Variant, moved: Sequence[str], at_most: int = AT_MOST) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
+def choose_players(
+    variant: Variant, moved: Sequence[str], at_most: int = AT_MOST
+) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
     """The runs that play and those left out; ``moved`` are ids of runs with poses. The first is the solid one.
 
     The first is one that succeeded, with the fewest options and then the least energy drift.
     """
     can = [c for c in variant.runs if c.record.run_id in set(moved)]
-    failing = {c.record.solver for c in can if not c.succeeded}
+    failing = {c.record.solver for c in can if not c.is_success}
     at_most += max(len(failing) - (AT_MOST - SOUND), 0)
     chosen: list[Run] = []
     for run in _order(can):
@@ -209,10 +211,10 @@ def _order(can: Sequence[Run]) -> Iterator[Run]:
     """All of ``can``, the most telling first; some more than once."""
 
     def plainest(c: Run) -> tuple[bool, int, float]:
-        return (not c.succeeded, len(c.options), c.step_or_tolerance)
+        return (not c.is_success, len(c.options), c.step_or_tolerance)
 
     def broke(c: Run) -> tuple[bool, bool, float]:
-        return (not c.stopped, c.succeeded, c.step_or_tolerance)
+        return (not c.has_stopped, c.is_success, c.step_or_tolerance)
 
     def label(c: Run) -> tuple[str, str]:
         return c.record.label, c.record.solver
@@ -220,9 +222,9 @@ def _order(can: Sequence[Run]) -> Iterator[Run]:
     by_name = sorted(can, key=lambda c: c.record.solver)
     firsts = [min(own, key=plainest) for own in by_solver(by_name).values()]
     known = set(map(label, firsts))
-    sound = sorted((c for c in firsts if c.succeeded), key=_soundness)
+    sound = sorted((c for c in firsts if c.is_success), key=_soundness)
     yield from (sound[k] for k in (0, len(sound) // 2, -1) if sound)
-    yield from (min(own, key=broke) for own in by_solver(c for c in by_name if not c.succeeded).values())
+    yield from (min(own, key=broke) for own in by_solver(c for c in by_name if not c.is_success).values())
     yield from firsts
     by_label = group_by(sorted(can, key=label), label).items()
     yield from (min(own, key=broke) for name, own in by_label if name not in known)
@@ -237,4 +239,4 @@ def _setting(c: Run) -> tuple[str, ...]:
 
 def _soundness(c: Run) -> tuple[bool, int, float, str]:
     drift = c.record.energy_drift_max_J
-    return (not c.succeeded, len(c.options), drift if drift == drift else float("inf"), c.record.run_id)
+    return (not c.is_success, len(c.options), drift if drift == drift else float("inf"), c.record.run_id)

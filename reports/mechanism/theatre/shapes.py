@@ -141,7 +141,7 @@ def marks_of(series: Series, run: Run, player: int) -> list[dict[str, Any]]:
         k = int(np.argmax(error))
         if error[k] > 0.0:
             out.append((float(t[k]), "whip", f"largest energy error, {series['energy_error'][k]:.3g} J"))
-    if run.stopped:
+    if run.has_stopped:
         out.append((float(t[-1]), "stop", f"{run.status.replace('_', ' ')}: {'; '.join(run.reasons)}"[:400]))
     return [{"t": at, "kind": kind, "player": player, "words": words}
             for at, kind, words in sorted(out, key=lambda m: m[0])]  # fmt: skip
@@ -171,7 +171,7 @@ def strips_of(series: Series, run: Run, t_end: float, spans: int = SPANS, kinds:
     for kind in kinds:
         name = kind["name"]
         a = series[name] if name in series else np.full(len(t), np.nan)
-        if name == "dt" and len(a) > 2 and not run.stopped:
+        if name == "dt" and len(a) > 2 and not run.has_stopped:
             a = a[:-1]  # cut to end at t_end; of a failure it is the point
         low_high = strip(t[: len(a)], a, t_end, spans)
         out += list(low_high) if kind["both"] else [low_high[1]]

@@ -15,7 +15,7 @@ from ...model.accuracy import measure_for
 from ...model.frontier import Frontier, broad, engines_first, of_most_problems
 from ...model.motion import bodies_in
 from ...model.results import Results, Run, by_solver, group_by
-from ...model.words import decade, mark, plural, seconds, time
+from ...model.words import decade, mark, number, plural, seconds, time
 from ...plots.spec import Axis, Plot, Trace
 from ...plots.work import ERRORS, WORKS, list_points, profile_plot, work_plots
 from ..base import Page, Site, page_of, read_judged
@@ -48,18 +48,18 @@ def write(results: Results, site: Site) -> Page | None:
 
 
 def title(found: Sequence[Frontier]) -> str:
-    """Who is the cheapest most often, at the error where most problems can be compared."""
-    own = of_most_problems(found)
-    if not own:
+    """Who is the cheapest most often at the error where most problems can be compared, and what the median costs."""
+    if not (own := of_most_problems(found)):
         return "What accuracy costs"
     firsts = [f.places[0].run.record.solver for f in own]
     best = max(sorted(set(firsts)), key=firsts.count)
     unit = own[0].unit if len({f.unit for f in own}) == 1 else "m or rad"
-    error = f"{decade(own[0].target)} {unit}"
     on = plural(len(own), "problem")
     if len({f.variant.partition("[")[0] for f in own}) < len(own):
         on += ", each set of parameters counted"
-    return f"At {error}, {best} is cheapest on {firsts.count(best)} of {on}"
+    factors = sorted(p.factor for f in own for p in f.places)
+    median = f"the median solver costs {number(factors[len(factors) // 2], 2)} times as much"
+    return f"At {decade(own[0].target)} {unit}, {best} is cheapest on {firsts.count(best)} of {on}; {median}"
 
 
 def fields(results: Results, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
@@ -128,7 +128,7 @@ class Growth:
 
 def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
     """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
-    timed = [c for c in runs if c.succeeded and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
+    timed = [c for c in runs if c.is_success and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
     sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
     found = group_by(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words, c.record.t_end_s))
     out = []
@@ -146,7 +146,7 @@ def growths_of(results: Results) -> list[Growth]:
     bodies: dict[str, int] = {}
     for variant in results.variants:
         if variants[variant.problem] > 1:  # its runs have the same bodies: one series file is enough
-            some = next((s for c in variant.runs if c.succeeded and (s := results.series(c)) is not None), None)
+            some = next((s for c in variant.runs if c.is_success and (s := results.series(c)) is not None), None)
             bodies |= {c.record.run_id: bodies_in(some) for c in variant.runs} if some is not None else {}
     return growths(results.runs, bodies)
 

@@ -41,10 +41,9 @@ class Contest:
 
     def rank(self, run: Run | None) -> float:
         """The same, infinite where there is none."""
-        error = self.error(run)
-        return math.inf if math.isnan(error) else error
+        return error if (error := self.error(run)) == error else math.inf
 
-    def reached(self, runs: Sequence[Run | None]) -> tuple[int, int]:
+    def count_within(self, runs: Sequence[Run | None]) -> tuple[int, int]:
         """How many are within the target, of how many that were run and not refused."""
         made = [run for run in runs if run is not None and run.status != "refused"]
         return sum(self.error(run) <= TARGET for run in made), len(made)
@@ -52,7 +51,7 @@ class Contest:
     @property
     def tally(self) -> np.ndarray:
         """The same as shipped and tuned."""
-        return np.array([self.reached([getattr(p, which) for p in self.pairs]) for which in ("shipped", "best")])
+        return np.array([self.count_within([getattr(p, which) for p in self.pairs]) for which in ("shipped", "best")])
 
 
 def contests(results: Results) -> list[Contest]:

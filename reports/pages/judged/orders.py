@@ -111,10 +111,10 @@ def ladders(orders: Sequence[Order]) -> list[Plot]:
         error = Axis(f"error of {quantity}", own[0].unit, log=True)
         name = slug(f"order-{variant}-{quantity}", taken)
         fitted = [o for o in own if fit_of(o)]
-        title = (
-            f"{variant}: {quantity} converges with order {fitted[0].order:.2f}" if fitted else f"{variant}: {quantity}"
+        order = f" converges with order {fitted[0].order:.2f}" if fitted else ""
+        plots.append(
+            Plot(name, f"{variant}: {quantity}{order}", "", step, error, tuple(t for o in own for t in _traces(o)))
         )
-        plots.append(Plot(name, title, "", step, error, tuple(t for o in own for t in _traces(o))))
     return plots
 
 

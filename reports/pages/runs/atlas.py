@@ -34,8 +34,8 @@ CAUSES = ("killed", "unmoved", "chart", "dependent", "energy", "apart", "collaps
 
 def survival(runs: Sequence[Run]) -> dict[str, tuple[Score, float]]:
     """By solver: how its runs ended, and the part of the time at which the first of them stopped; 1 if none did."""
-    ended = {name: [c for c in own if not c.unfinished] for name, own in sorted(by_solver(runs).items())}
-    return {name: (score(own), min((part_reached(c) for c in own if c.stopped), default=1.0))
+    ended = {name: [c for c in own if not c.is_unfinished] for name, own in sorted(by_solver(runs).items())}
+    return {name: (score(own), min((part_reached(c) for c in own if c.has_stopped), default=1.0))
             for name, own in ended.items()}  # fmt: skip
 
 
@@ -47,12 +47,11 @@ def part_reached(run: Run) -> float:
     return min(max(r.t_reached_s / r.t_end_s, 0.0), 1.0)
 
 
-def groups(results: Results, looks: Mapping[str, Look]) -> dict[str, dict[str, Any]]:
-    """Every run that stopped, by cause in the order of ``CAUSES``, in families of one solver on one problem.
+def groups(results: Results, stopped: Sequence[Run], looks: Mapping[str, Look]) -> dict[str, dict[str, Any]]:
+    """The runs that ``stopped``, by cause in the order of ``CAUSES``, in families of one solver on one problem.
 
     The first of a family, with the plainest settings, stands for it: with what its series shows and its last steps.
     """
-    stopped = [c for c in results.runs if c.stopped and not c.unfinished]
     found = {c.record.run_id: autopsy(c, results.series(c, poses=False)) for c in stopped}
     out = {}
     for cause in CAUSES:
@@ -73,7 +72,7 @@ def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
         return ()
     rows = min(DRAWN, len(series["t"]) - 1)
     return tuple(
-        panel(title, unit, series[name][-rows:].tolist(), colour, star=run.stopped)
+        panel(title, unit, series[name][-rows:].tolist(), colour, star=run.has_stopped)
         for name, title, unit in SHOWN if name in series
     )  # fmt: skip
 
@@ -173,10 +172,10 @@ def _chart(series: Series) -> tuple[str, bool, str] | None:
 
 def write(results: Results, site: Site) -> Page | None:
     """``atlas.html``."""
-    stopped = [c for c in results.runs if c.stopped and not c.unfinished]
+    stopped = [c for c in results.runs if c.has_stopped and not c.is_unfinished]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
-        groups=groups(results, site.looks), title=title(score(results.runs)), survival=survival(results.runs),
+        groups=groups(results, stopped, site.looks), title=title(score(results.runs)), survival=survival(results.runs),
         broken=group_broken(results.runs),
         refused=families_of([c for c in results.runs if c.status == "refused"]),
         part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),

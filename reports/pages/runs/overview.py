@@ -12,16 +12,16 @@ from ...mechanism.stage import moment
 from ...model.accuracy import Measure, measure_for
 from ...model.catalogue import code_of_others, is_engine
 from ...model.curves import upper
-from ...model.followed import list_followed
-from ...model.frontier import Frontier, broad, costs, default_target, of_most_problems
+from ...model.frontier import broad, costs, default_target
 from ...model.heat import Box, Heat, heat
 from ...model.margin import LEVELS, margin
 from ...model.results import Results, Run, group_by, read_results
 from ...model.scores import unpredictable
+from ...model.tracking import list_followed
 from ...model.variants import broadest, mechanisms
 from ...model.words import number, seconds, time
 from ...plots.browser import Steps
-from ...plots.spec import Look, Plot
+from ...plots.spec import Look
 from ..base import JUDGE, Page, Site, read_judged_or_published, read_or_why
 from ..judged import cost
 from ..judged.claims import Shown, claims_of, counts
@@ -55,21 +55,15 @@ def write(results: Results, site: Site) -> Page | None:
     scripts = [site.bundle("overview", data), *(f"data/{s['file']}.js" for s in stages[:1]),
                "assets/stage.js", "assets/overview.js"]  # fmt: skip
     cards, wrong = false_successes(results, label)
+    by_problem = group_by(site.work, lambda title: title.partition("[")[0])  # of each the variant that most solvers ran
+    panels = [site.work[titles[0]] for titles in by_problem.values()][:PANELS]
     return site.write(
-        Page("Overview", "index.html", nav=True, order=0), "overview.html", plots=_panels(site), scripts=scripts,
+        Page("Overview", "index.html", nav=True, order=0), "overview.html", plots=panels, scripts=scripts,
         heat=picture, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races, first=first,
-        target=target, stages=stages, panels_title=panels_title(of_most_problems(found)), cards=cards,
+        target=target, stages=stages, panels_title=cost.title(found), cards=cards,
         wrong=wrong, strips=strips(picture, site.looks), verdicts=verdicts(results), mechanisms=mechanisms(results),
         door=max(site.cards.values(), key=lambda c: (len(c["facts"]), c["solver"]), default=None),
     )  # fmt: skip
-
-
-def panels_title(found: Sequence[Frontier]) -> str:
-    """Who is the cheapest most often, and how much the median costs."""
-    if not any(f.places for f in found):
-        return "Accuracy against cost"
-    factors = sorted(p.factor for f in found for p in f.places)
-    return f"{cost.title(found)}; the median solver costs {number(factors[len(factors) // 2], 2)} times as much"
 
 
 def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict[str, Any]:
@@ -84,16 +78,6 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
              ("energy error", f"{number(r.energy_drift_max_J)} J"), ("steps", str(r.steps)))  # fmt: skip
     return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": write_command(r, results.plugins),
             "strip": strip, "facts": facts}  # fmt: skip
-
-
-def _panels(site: Site) -> list[Plot]:
-    """Error over CPU time: of each problem the variant with most points, then other variants."""
-    problems = {p.title: p.problem for p in site.results.variants}
-    ordered = sorted(site.work.items(), key=lambda kv: -sum(len(t.x) for t in kv[1].traces))
-    seen: dict[str, str] = {}
-    for title, _ in ordered:
-        seen.setdefault(problems.get(title, title), title)
-    return [plot for _, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
 
 
 def false_successes(results: Results, label: str) -> tuple[list[dict[str, Any]], int]:
@@ -151,11 +135,12 @@ def verdicts(results: Results) -> dict[str, Any] | None:
     shown = [c for c in claims_of(found.found or (), results.by_settings, kept) if not c.presentation]
     if not shown:
         return None
-    return {"counts": {m.word: k for m, k in counts(shown)}, "columns": group_by(shown, lambda c: c.section),
-            "sentences": told(shown), "published": found.published or any(c.published for c in shown)}  # fmt: skip
+    columns, published = group_by(shown, lambda c: c.section), found.published or any(c.published for c in shown)
+    return {"counts": {m.word: k for m, k in counts(shown)}, "columns": columns, "published": published,
+            "sentences": choose_sentences(shown)}  # fmt: skip
 
 
-def told(shown: Sequence[Shown]) -> list[Shown]:
+def choose_sentences(shown: Sequence[Shown]) -> list[Shown]:
     """Ten: verdicts in turns, so that each kind is heard, in the order of the paper."""
     kinds = {w: [c for c in shown if c.mark.word == w] for w in ("refuted", "supported", *DEPENDS)}
     turns = [c for k in range(SENTENCES) for own in kinds.values() for c in own[k : k + 1]][:SENTENCES]

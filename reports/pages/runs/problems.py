@@ -4,23 +4,22 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
 from ....harness.results.judgements.files import DRIFTS
 from ....harness.results.records import judged_own
-from ...mechanism.segments import flat, mechanism_of, view_of
+from ...mechanism.segments import picture_of
 from ...mechanism.stage import stage
 from ...model.accuracy import judged_until, measure_for
 from ...model.catalogue import about_problem, code_of_others, why_hard
 from ...model.curves import SPANS_UPPER
-from ...model.followed import list_followed
 from ...model.frontier import of_most_problems
 from ...model.heat import Heat, best_and_worst, boxes_of, rank
 from ...model.margin import margin
 from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant, group_by
 from ...model.scores import unpredictable
+from ...model.tracking import list_followed
 from ...model.variants import broadest, groups_of, mechanisms, themselves, variant_groups
 from ...model.words import mark, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
@@ -32,7 +31,6 @@ from ..svg import sketch
 
 MOST_EVENTS = 20  # of one run in the table
 ROWS = 100  # of a folded table: the first page's table and the CSV have all
-SEEN = 0.2  # an axis that is shorter than this part of itself points at the reader
 EVER_VARIANT = 12  # runs drawn of a variant: a report has a hundred of them, and each run is a file to read
 SPANS_VARIANT = 80  # of time in the curves of a variant: a run has a hundred of them
 MINIATURES = 6
@@ -68,19 +66,9 @@ def events(motions: Iterable[Motion]) -> dict[str, Any]:
 def sketch_of(results: Results, variant: Variant) -> Markup | None:
     """The mechanism at its start with its supports, gravity, axes, and the names of its first and last body."""
     series = next((s for c in variant.runs if c.record.series and (s := results.readable_series(c))), None)
-    mechanism = mechanism_of(series)
-    if mechanism is None or series is None:
-        return None
-    view = view_of(mechanism)
-    arrows = [(name, way) for name, e in zip("XYZ", np.eye(3), strict=True) if np.linalg.norm(way := view @ e) > SEEN]
-    g = mechanism.gravity
-    if np.any(g):
-        arrows.append(("g", view @ (g / np.linalg.norm(g))))
-    ends = sorted({0, len(series.body_names) - 1} & set(range(len(series.body_names))))
-    names = [(series.body_names[k], view @ mechanism.r[0, k]) for k in ends]
-    lines, joints, ground = (flat(p, view) for p in (mechanism.segments(0), mechanism.joints(0), mechanism.ground))
+    picture = picture_of(series)
     words = f"{variant.title} at its start, with its supports, the axes and gravity"
-    return sketch(lines, joints, ground, arrows, names, words)
+    return None if picture is None else sketch(picture, words)
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -124,7 +112,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
         followed=list_followed(variant), extras=list(extras([k.run for k in lines])), events=events(motions.values()),
     )  # fmt: skip
-    site.drawn.update((name, variant.slug) for name, m in motions.items() if m.moved)
+    site.drawn.update((name, variant.slug) for name, m in motions.items() if m.has_steps)
 
 
 def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
@@ -145,7 +133,7 @@ def roles_of(variant: Variant, label: str, site: Site) -> list[tuple[Run, str]]:
     """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
     best_first = [b.run for b in rank(boxes_of(variant, label))]
     cheapest = _cheapest_first(variant, site) or best_first
-    paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.succeeded),
+    paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.is_success),
                    key=lambda c: len(c.record.paper_label))  # fmt: skip
     sizes = {c.record.run_id: min(m.part, 1e9) if (m := margin(c)) else 0.0 for c in variant.runs}
     worst = sorted(
@@ -168,7 +156,7 @@ def _cheapest_first(variant: Variant, site: Site) -> list[Run]:
     same = {v.title for v in site.results.variants if v.problem == variant.problem and start(v) == start(variant)}
     found = of_most_problems([f for f in site.frontiers if f.variant in same])
     order = [p.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
-    sound = [c for c in variant.runs if c.succeeded and c.record.solver in order]
+    sound = [c for c in variant.runs if c.is_success and c.record.solver in order]
     return sorted(sound, key=lambda c: (order.index(c.record.solver), c.record.cpu_median_s))
 
 

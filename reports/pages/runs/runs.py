@@ -61,7 +61,7 @@ def _table(results: Results, site: Site, runs: Sequence[Run]) -> dict[str, Any]:
         values = [r.t_reached_s, r.energy_drift_max_J, error, r.phi_max, r.evaluations, r.cpu_median_s]
         rows.append([
             r.run_id, m.kind, f"{m.symbol} {m.word}", solvers[r.solver], variants[c.variant], labels[r.label],
-            c.settings(), "" if c.succeeded else " ".join(c.reasons[0].split())[:160],
+            c.settings(), "" if c.is_success else " ".join(c.reasons[0].split())[:160],
             *(None if v is None or v != v else float(f"{v:.{DIGITS}g}") for v in values), energy_kind(c),
         ])  # fmt: skip
     return {

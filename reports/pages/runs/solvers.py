@@ -8,11 +8,11 @@ from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRO
 from ....harness.results.judgements.runs import Drift, Order
 from ....harness.results.words import words_of
 from ...model.catalogue import about_solver
-from ...model.followed import Followed, list_followed
 from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import heat
 from ...model.results import Results, Run, by_solver, group_by, natural, text_of
 from ...model.scores import Score, score, standings
+from ...model.tracking import Followed, list_followed
 from ...model.variants import broadest, groups_of, themselves
 from ...model.words import decade, number, plural, time
 from ..base import Page, Site, read_judged_or_published
@@ -42,7 +42,7 @@ def write(results: Results, site: Site) -> Page | None:
         card = site.cards[name] = card_of(name, orders, drifts, follow, costs)
         image = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
         (site.folder / image).write(card["badge"], durable=False)
-        failed = group_by((c for c in runs if not c.succeeded), lambda c: c.status)
+        failed = group_by((c for c in runs if not c.is_success), lambda c: c.status)
         reasons = sorted(failed.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))  # the most frequent first
         work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
@@ -83,9 +83,8 @@ def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], follo
     A fact is its name and value, the value on the badge, and the kind of mark that colours it.
     """
     facts: list[tuple[str, str, str, str]] = []
-    if own := [
-        o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY) and math.isfinite(o.low)
-    ]:
+    plain = (o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY))
+    if own := [o for o in plain if math.isfinite(o.low)]:
         best = min(own, key=lambda o: (o.against != "dt", o.verdict != "certified", o.high - o.low))
         declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
         on = f"{best.verdict} on {sum(o.verdict == best.verdict for o in own)} of {plural(len(own), 'problem')}"

@@ -12,7 +12,7 @@ wp.config.quiet = True
 import mujoco_warp as warped  # noqa: E402
 
 from .mjcf import model_of  # noqa: E402
-from .warped import dynamics  # noqa: E402
+from .warp_model import dynamics  # noqa: E402
 
 
 class Model:

@@ -1,4 +1,4 @@
-"""Newton's model and its steps (modules ``export.protocol`` and ``export.stepped``)."""
+"""Newton's model and its steps (modules ``export.protocol`` and ``export.stepping``)."""
 
 import importlib.metadata
 import warnings
@@ -13,7 +13,7 @@ warnings.simplefilter("ignore")
 import newton  # noqa: E402
 
 from .turning import turned_back  # noqa: E402
-from .warped import dynamics  # noqa: E402
+from .warp_model import dynamics  # noqa: E402
 
 GROUND = -1
 PROBE = 1e-6  # [s] of a step whose accelerations are read
@@ -66,14 +66,14 @@ class Model:
             newton.eval_fk(model, self._now.joint_q, self._now.joint_qd, self._now)
         model.joint_q.assign(self._now.joint_q)
         model.joint_qd.assign(self._now.joint_qd)
-        self._solver, self.stopped = self._made(kind, options, data["dt"]), ""
+        self._solver, self.stopped = self._make_solver(kind, options, data["dt"]), ""
         self.notes = [f"solver {self._name}, single precision, CPU", f"newton {importlib.metadata.version('newton')}"]
         spare = [model.state(), model.state()]  # what the first step compiles is set-up
         spare[0].assign(self._now)
         self._solver.step(spare[0], spare[1], None, None, data["dt"])
-        self._solver = self._made(kind, options, data["dt"])
+        self._solver = self._make_solver(kind, options, data["dt"])
 
-    def _made(self, kind: Any, options: dict[str, Any], dt: float) -> Any:
+    def _make_solver(self, kind: Any, options: dict[str, Any], dt: float) -> Any:
         solver = kind(self._model, **_settings(self._name, options))
         if self._name == "MuJoCo" and options["settings"] == "ours" and solver.mjw_model.neq:
             loops, T, d = solver.mjw_model, options["time_constant"] * dt, options["impedance"]

@@ -128,12 +128,12 @@ def _compile_entry(function: Callable[..., None], name: str, bundle: Any) -> Cod
     key = f"{name}\0{reach(function).digest}\0{layout_of(bundle)}"
     if key not in _CODES:
 
-        def printed() -> str:
+        def print_code() -> str:
             from .numba_code import print_function  # half a second, and only where something compiles
 
             return print_function(function, name, bundle)
 
-        _CODES[key] = Code(printed, key)
+        _CODES[key] = Code(print_code, key)
     return _CODES[key]
 
 

@@ -106,18 +106,18 @@ class Marcher:
             return make_kernel(self._system, needed)
         empty = empty_kernel(self._system)
         if self.method.code == "mechanism":
-            return self._coded(empty)
+            return self._use_code(empty)
         reason = mechanism.refusal(self._system, empty)
         if reason is None and mechanism.is_made(self._system, empty):
             try:
-                return self._coded(empty)
+                return self._use_code(empty)
             except mechanism.NoCode as error:
                 reason = str(error)
         self._may_change = reason is None
         self.notes.append(f"code of the kernel{f' ({reason})' if reason else ''}")
         return finish_kernel(self._system, empty, needed)
 
-    def _coded(self, kernel: Kernel) -> Kernel:
+    def _use_code(self, kernel: Kernel) -> Kernel:
         made = mechanism.use_code(self._system, kernel)
         since = f" from t = {self.state['t']:g} s on" if self._may_change else ""
         self.notes.append(f"code of the mechanism{since}: {made.operations} operations an evaluation")
@@ -131,7 +131,7 @@ class Marcher:
         """From the kernel to code of the mechanism, where a run is so long that it pays."""
         began = cpu_seconds()
         try:
-            kernel = self._coded(self.kernel)
+            kernel = self._use_code(self.kernel)
             self.bundle = self.bundle._replace(kernel=kernel)
             self._bind(kernel)
         except mechanism.NoCode as error:

@@ -14,7 +14,7 @@ from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
 from ..generated import Code, Program
-from ..rows.kept import code_of, row_code
+from ..rows.kept_code import code_of, row_code
 from ..rows.numbers import force_numbers, joint_numbers
 from . import evaluation, factor, user_forces
 from .blocks import WIDTH, Blocks, analyse
@@ -74,7 +74,7 @@ class Kernel(NamedTuple):
     factorise: Any = 0  # S of these rows, and its factor
     solve: Any = 0  # rhs := S^-1 rhs
     forces: Any = 0  # force, less Omega x J Omega
-    applied: Any = 0  # force alone
+    applied_forces: Any = 0  # force alone
     react: Any = 0  # v_dot and lam with rows and factor at hand
     accelerate: Any = 0  # rows, factorise, react
     reactions: Any = 0  # rows, react
@@ -86,7 +86,7 @@ class Kernel(NamedTuple):
     keep_rows: Any = 0
     slips: Any = 0  # x := -(A w + phi_t)
     force_slopes: Any = 0  # by_pose, by_rate := slopes of ``forces``
-    applied_slopes: Any = 0  # the same of ``applied``
+    applied_slopes: Any = 0  # the same of ``applied_forces``
     spring_slopes: Any = 0  # of spring-dampers alone
     load_slopes: Any = 0  # by_pose += slopes of A^T lam, with ``lam`` as it is
     rate_slopes: Any = 0  # rate_slope
@@ -234,7 +234,7 @@ class Loops:
         self._system, self._k, self._parts = system, k, parts_of(system)[1]
         self._place = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
         self._keeps: list[Any] = []
-        self._groups = list(self._grouped())
+        self._groups = list(self._group_parts())
         for group in self._groups:
             way = row_code(*group.key).way
             if way is not None:
@@ -282,7 +282,7 @@ class Loops:
         """Applied forces less the gyroscopic torque."""
         return self._loads("forces")
 
-    def applied(self) -> list[Step]:
+    def applied_forces(self) -> list[Step]:
         """Applied forces."""
         return self._loads("applied")
 
@@ -306,7 +306,7 @@ class Loops:
         return [zero, pushes[0], turning, *pushes[1:]]
 
     def applied_slopes(self) -> list[Step]:
-        """Slopes of ``applied``."""
+        """Slopes of ``applied_forces``."""
         return [*self._push_slopes("spring", "torsion", "load"), *self._users(user_forces.add_user_slopes)]
 
     def spring_slopes(self) -> list[Step]:
@@ -336,7 +336,7 @@ class Loops:
                 place = [self._place[int(one[a]), int(one[b])] for one in group.body]
                 yield from (slopes, 36 * np.array(place, dtype=np.int64))
 
-    def _grouped(self) -> Iterator["Group"]:
+    def _group_parts(self) -> Iterator["Group"]:
         k, parts, at = self._k, self._parts, 0
         while at < len(parts):
             kind, lo, hi, ground, _ = parts[at]

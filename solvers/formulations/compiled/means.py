@@ -9,7 +9,7 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Program
-from ..rows.kept import code_of, row_code
+from ..rows.kept_code import code_of, row_code
 from ..rows.means import BODY
 from .bundles import make_bundle
 from .kernel import Group, Kernel, Loops, Step, places_of

@@ -14,7 +14,7 @@ from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code, Program
 from ..generated.code import is_kept, print_functions
-from ..rows.kept import _text, _texts
+from ..rows.kept_code import _text, _texts
 from .kernel import Kernel, parts_of
 
 MOST_OPERATIONS = 30_000
@@ -63,7 +63,7 @@ def use_code(system: MultibodySystem, k: Kernel) -> Coded:
 def code_of_mechanism(
     system: MultibodySystem, k: Kernel, step: str = "", **choices: Any
 ) -> tuple[Code, int, list[int]]:
-    """Code of accelerations, or of a ``step`` of ``rows.simplified``; operations of its largest function; sizes.
+    """Code of accelerations, or of a ``step`` of ``rows.simplified_step``; operations of its largest function; sizes.
 
     NoCode where none can be made.
     """
@@ -92,7 +92,7 @@ def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any
 
     from ..generated.functions import Straight, record_function
     from ..rows.mechanism import Mechanism, Part
-    from ..rows.simplified import SimplifiedStep
+    from ..rows.simplified_step import SimplifiedStep
 
     parts = [
         Part(str(joints.KINDS[part.kind]), tuple(range(part.lo, part.hi)), part.joint, (int(i), int(j)), int(first))

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.mechanics import consistency, dynamics
+from ....harness.mechanics.added_inertia import check_idle
 from ....harness.mechanics.counting import count_calls
 from ....harness.mechanics.dynamics import Rates
-from ....harness.mechanics.lent import check_idle
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import MultibodySystem
 from .kernel import Kernel, make_kernel, start_at
@@ -42,7 +42,7 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     redundant rows contradict each other, the others hold. ValueError where a body is
     accelerated about an axis without inertia.
     """
-    _, k, lent = _entries(system, "accelerations")
+    _, k, added = _entries(system, "accelerations")
     start_at(k, s)
     k.rows.run()
     if np.any(phi_ddot):
@@ -54,8 +54,8 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
         _share(k)
     if not (np.isfinite(k.v_dot).all() and np.isfinite(k.lam).all()):
         return dynamics.accelerations(system, s, phi_ddot)
-    if lent is not None:
-        check_idle(lent, system.gyration, k.force, k.v_dot[:, 3:])
+    if added is not None:
+        check_idle(added, system.gyration, k.force, k.v_dot[:, 3:])
     return Rates(s.v, s.Omega, k.v_dot[:, :3].copy(), k.v_dot[:, 3:].copy(), k.lam[k.order])
 
 
@@ -98,8 +98,8 @@ def _entries(system: MultibodySystem, what: str) -> tuple[MultibodySystem, Kerne
             k.J_inv[:] = np.eye(3) / size[:, None, None]
         if len(kept) >= KEPT:
             del kept[next(iter(kept))]
-        lent = system.lent if np.any(system.lent) else None
-        kept[key] = system, k, lent
+        added = system.added_inertia if np.any(system.added_inertia) else None
+        kept[key] = system, k, added
     return kept[key]
 
 

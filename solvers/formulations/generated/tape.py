@@ -68,14 +68,14 @@ class Tape:
                 return self.constant(FOLDED[name](*values))
             except (ArithmeticError, ValueError):  # left to the processor: infinite or NaN
                 return self._record(Operation(name, a, b))
-        simple = self._simplified(name, a, b)
+        simple = self._simplify(name, a, b)
         if simple is not None:
             return simple
         if name in COMMUTES and a > b:
             a, b = b, a
         return self._record(Operation(name, a, b))
 
-    def _simplified(self, name: str, a: int, b: int) -> int | None:
+    def _simplify(self, name: str, a: int, b: int) -> int | None:
         zero, one = self.zero, self.one
         if name == "neg" and self.operations[a].name == "neg":
             return self.operations[a].a

@@ -21,7 +21,7 @@ import numpy as np
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
-from ..rows.kept import _texts as texts
+from ..rows.kept_code import _texts as texts
 from .tree import Tree
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def _functions(
     motion, rows, first = found.motion, found.rows, found.first
     factor = Factor(found.K, found.order.rows)
     x = factor.solve(
-        {k: -e for k, e in enumerate(_parts(motion.efforts(motion.carried(motion.applied()))))}
+        {k: -e for k, e in enumerate(_parts(motion.efforts(motion.compute_carried_loads(motion.applied_forces()))))}
         | {k: -row.acceleration for k, row in enumerate(rows, first)}
     )
     u_dot = _column([x[k] for k in range(nu)])
@@ -219,8 +219,8 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "Straight":
     t, y, y_dot = ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu), ca.SX.sym("y_dot", tree.nq + tree.nu)
     lam = ca.SX.sym("lam", rows)
     motion = Motion(system, tree, t, y, y_dot[tree.nq :])
-    loads, held = motion.applied(), loops.row_loads(motion, lam)
-    carried = motion.carried({b: Wrench(x.f + held[b].f, x.n + held[b].n) for b, x in loads.items()})
+    loads, held = motion.applied_forces(), loops.row_loads(motion, lam)
+    carried = motion.compute_carried_loads({b: Wrench(x.f + held[b].f, x.n + held[b].n) for b, x in loads.items()})
     first = system.row_start
     reaction: list[Any] = [ca.SX(0)] * system.nrows
     back = ca.SX(ca.DM(tree.base.T))

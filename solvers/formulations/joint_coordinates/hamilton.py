@@ -29,7 +29,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
-from ..rows.kept import _texts as texts
+from ..rows.kept_code import _texts as texts
 from .code import MOST_OPERATIONS, _column, _digest, _evaluate, _normalise, _own_text, _parts, choose_order, too_large
 from .tree import Limb, Tree, snap
 
@@ -108,16 +108,16 @@ def _functions(
     moved = of_tree.solve(impulse)
     closed = whole.solve(impulse | {k: -row.rate for k, row in zip(kept, rows, strict=True)})
 
-    def expressed(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
+    def express(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
         """Expressions in unit quaternions at ``q``, velocities and momenta."""
         values = ca.Function("expressed", [t, y, pi, lam], list(outputs))
         out = values(t, ca.vertcat(_normalise(tree, q), velocities), momenta, lam)
         return list(out) if isinstance(out, tuple) else [out]
 
     rest, lowered = ca.SX.zeros(nu), _project_momenta(tree, q, p)
-    (velocities,) = expressed([_column([moved[k] for k in range(nu)])], rest, lowered)
-    (forces,) = expressed([forces], velocities, lowered)
-    phi, gradient, held, mu, L = expressed(
+    (velocities,) = express([_column([moved[k] for k in range(nu)])], rest, lowered)
+    (forces,) = express([forces], velocities, lowered)
+    phi, gradient, held, mu, L = express(
         [
             phi, _project_momenta(tree, x, gradient), _column([closed[k] for k in range(nu)]),
             _column([closed[k] for k in kept]), _column(_entries(whole)),
@@ -166,7 +166,7 @@ def _kinetic_energy(motion: "Motion") -> "ca.SX":
 
 def _loads(moving: "Motion", resting: "Motion") -> "ca.SX":
     """What joints carry of weights and of loads at rest, along the velocities."""
-    return resting.efforts(resting.carried(moving.applied()))
+    return resting.efforts(resting.compute_carried_loads(moving.applied_forces()))
 
 
 def _quaternion(limb: Limb) -> slice:

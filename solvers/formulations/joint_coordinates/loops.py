@@ -57,7 +57,7 @@ def list_ball_rows(motion: Motion) -> list[Row]:
     """Rows that hold opened balls: what they free is what P of the parent does; nothing is left of it at rest."""
     out = []
     for b in motion.opened:
-        for k, e in motion.freed(b):
+        for k, e in motion.freed_directions(b):
             J = {u: -x for u, x in motion.along(motion.limb[b].parent, motion.passed_on(b, Wrench(e, ZERO)))}
             out.append(Row({u: x for u, x in J.items() if not x.is_zero()} | {k: ca.SX(1)}, *[ca.SX(0)] * 3))
     return out

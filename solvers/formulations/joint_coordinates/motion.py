@@ -132,10 +132,10 @@ class Motion:
     def _momenta(self, limb: Limb, m: float, h: ca.SX, inertia: ca.SX) -> list[tuple[int, Wrench]]:
         slides = [Wrench(m * w, ca.cross(h, w)) for w in self.axes[limb.body].slides]
         turns = [Wrench(ca.cross(s, h), inertia @ s) for s in self.axes[limb.body].turns]
-        free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self.freed(limb.body)]
+        free = [(k, Wrench(m * e, ca.cross(h, e))) for k, e in self.freed_directions(limb.body)]
         return [*enumerate([*slides, *turns], limb.u_at), *free]
 
-    def freed(self, b: int) -> list[tuple[int, ca.SX]]:
+    def freed_directions(self, b: int) -> list[tuple[int, ca.SX]]:
         """Numbers of what an opened ball frees, and its directions."""
         if b not in self.opened:
             return []
@@ -150,7 +150,7 @@ class Motion:
             entries = [*(ca.dot(w, load.f) for w in axes.slides), *(ca.dot(s, load.n) for s in axes.turns)]
             out += list(enumerate(entries, limb.u_at))
             if b in self.opened:
-                return [*out, *((k, ca.dot(e, load.f)) for k, e in self.freed(b))]
+                return [*out, *((k, ca.dot(e, load.f)) for k, e in self.freed_directions(b))]
             load, b = self.passed_on(b, load), limb.parent
         return out
 
@@ -159,7 +159,7 @@ class Motion:
         n = ca.cross(self.arm[b], load.f)
         return Wrench(load.f, n if self.limb[b].ball else n + load.n)
 
-    def carried(self, loads: dict[int, Wrench]) -> dict[int, Wrench]:
+    def compute_carried_loads(self, loads: dict[int, Wrench]) -> dict[int, Wrench]:
         """What joints carry so that their bodies move as they do under ``loads``: (f, n) above."""
         out, inertias = {}, self.inertias()
         for b in self.limb:
@@ -185,7 +185,7 @@ class Motion:
     def _gravity(self) -> ca.SX:
         return ca.SX(ca.DM(snap(self.tree.base @ self.system.gravity)))
 
-    def applied(self) -> dict[int, Wrench]:
+    def applied_forces(self) -> dict[int, Wrench]:
         """Springs, dampers and loads on each body."""
         out = {b: Wrench(ZERO, ZERO) for b in self.limb}
         s = self.system

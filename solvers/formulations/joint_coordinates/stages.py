@@ -34,16 +34,16 @@ def write_step(accelerate: Straight, measure: Straight) -> Straight:
     given, start, first = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("first", n)
     t, h, slopes, least = given[0], given[1], [first], ca.SX(1)
 
-    def combined(weights: "list[float]") -> ca.SX:
+    def combine_slopes(weights: "list[float]") -> ca.SX:
         terms = [w * slope for w, slope in zip(weights, slopes, strict=False) if w]
         return sum(terms[1:], terms[0])
 
     for a, c in zip(DOPRI853.a[1:].tolist(), DOPRI853.c[1:].tolist(), strict=True):
-        slope, pivot = f(t + c * h, start + h * combined(a))
+        slope, pivot = f(t + c * h, start + h * combine_slopes(a))
         slopes.append(slope)
         least = ca.fmin(least, pivot)
-    y = start + h * combined(DOPRI853.b.tolist())
-    sums = ca.vertcat(*(combined(row) for row in DOPRI853.error.tolist()))
+    y = start + h * combine_slopes(DOPRI853.b.tolist())
+    sums = ca.vertcat(*(combine_slopes(row) for row in DOPRI853.error.tolist()))
     return Straight([given, start, first], [y, error(given, start, y, sums), least])
 
 

@@ -137,7 +137,7 @@ class GaugeChoices:
     variant: ClassVar[str] = ""  # of ODE-GC, in front of the gauge
 
     @property
-    def printed(self) -> bool:
+    def follows_paper(self) -> bool:
         """Whether nothing differs from what Sect. 4.2 prints; c_R, mu0, tolerance and first estimate are open there."""
         return (
             (self.gauge, self.sigma0, self.newton) == ("accumulate", "carried", "exact")
@@ -148,7 +148,7 @@ class GaugeChoices:
     @property
     def paper_label(self) -> str:
         """ODE-GC with what tells the variants apart: as printed, or the gauge and what is carried."""
-        if self.printed:
+        if self.follows_paper:
             return f"ODE-GC ({self.variant}as printed)"
         words = [GAUGES[self.gauge]]
         if self.sigma0 == "carried":

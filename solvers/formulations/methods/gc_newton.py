@@ -269,7 +269,7 @@ def estimate(s):
 def complete(s):
     """Everything that follows from poses and velocities of ``kernel``."""
     k, g, o = s.kernel, s.scheme, s.terms
-    run(k.applied)
+    run(k.applied_forces)
     run(s.measure)
     if g.by_forces:
         run(k.spring_slopes)

@@ -17,7 +17,7 @@ from ..compiled.kernel import Step as Call
 from ..compiled.marching import NOT_FINITE
 from ..compiled.saddle_pattern import analyse
 from ..generated import Program
-from ..rows.kept import newton_code
+from ..rows.kept_code import newton_code
 from . import gc_newton
 from .choices import TOLD, Settings
 from .gc_newton import ARRAYS, PARTS, TERMS
@@ -58,7 +58,7 @@ def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max
     )  # fmt: skip
 
 
-NEEDED = ("applied", "applied_slopes", "spring_slopes")
+NEEDED = ("applied_forces", "applied_slopes", "spring_slopes")
 ENTRIES = (*PARTS, "measure", "direction", "begin", "balance", "slopes", "factor_saddle", "solve_saddle")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from ..compiled.kernel import Loops, places_of
 from ..compiled.kernel import Step as Call
 from ..generated import Program
-from ..rows.kept import wrench_code
+from ..rows.kept_code import wrench_code
 
 
 class WrenchLoops(Loops):

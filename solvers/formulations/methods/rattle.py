@@ -117,7 +117,7 @@ def _sub_step(s, k, c, h):
 @inner
 def _kick(s, k, h):
     """half += h/2 M^-1 f at the poses and velocities of ``k``."""
-    run(k.applied)
+    run(k.applied_forces)
     for b in range(len(s.half)):
         t0, t1, t2 = k.force[b, 3], k.force[b, 4], k.force[b, 5]
         for a in range(3):

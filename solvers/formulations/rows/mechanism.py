@@ -95,25 +95,25 @@ class Mechanism:
         factor = RankedFactor(self._matrix(rows), self.order)
         free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
         lam = factor.solve({k: -row.gamma - _rate(row, free) for k, row in rows.items()})
-        v_dot = self._pushed(free, rows, lam)
+        v_dot = self._push(free, rows, lam)
         numbers = factor.exchange_numbers()
         kept = ca.SX.sym("factor", numbers.numel())
         factor.exchange_numbers(kept)
 
-        moved = self._closed(at, rows, factor)
+        moved = self._close_joints(at, rows, factor)
         rows = self._rows(moved)
         v = ca.vertsplit(at.v, 6)
         x = factor.solve({k: -row.phi_t - _rate(row, v) for k, row in rows.items()})
         return {
             "accelerate": Straight([*at], [ca.vertcat(*v_dot), _column([lam[k] for k in range(n)]), numbers]),
-            "project": Straight([*at, kept], [moved.r, moved.R, ca.vertcat(*self._pushed(v, rows, x))]),
+            "project": Straight([*at, kept], [moved.r, moved.R, ca.vertcat(*self._push(v, rows, x))]),
             "copy": Straight([*at[1:]], [*at[1:]]),
         }, [numbers.numel()]
 
-    def _closed(self, at: State, rows: dict[int, Row], factor: Factor) -> State:
+    def _close_joints(self, at: State, rows: dict[int, Row], factor: Factor) -> State:
         """After one correction of the poses."""
         x = factor.solve({k: -row.phi for k, row in rows.items()})
-        change = self._pushed([ca.SX.zeros(6)] * self.system.nb, rows, x)
+        change = self._push([ca.SX.zeros(6)] * self.system.nb, rows, x)
         R = [_turn_by_series(matrix(at.R[9 * b : 9 * b + 9]), a[3:]) for b, a in enumerate(change)]
         return at._replace(r=at.r + ca.vertcat(*[a[:3] for a in change]), R=ca.vertcat(*map(by_rows, R)))
 
@@ -162,7 +162,7 @@ class Mechanism:
     def _inverse_mass(self, b: int, load: ca.SX) -> ca.SX:
         return ca.vertcat(load[:3] * (1.0 / self.system.mass[b]), self.J_inv[b] @ load[3:])
 
-    def _pushed(self, w: Sequence[ca.SX], rows: dict[int, Row], x: dict[int, ca.SX]) -> list[ca.SX]:
+    def _push(self, w: Sequence[ca.SX], rows: dict[int, Row], x: dict[int, ca.SX]) -> list[ca.SX]:
         """w + M^-1 A^T x"""
         load = [ca.SX.zeros(6) for _ in w]
         for k, row in rows.items():

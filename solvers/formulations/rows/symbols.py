@@ -24,13 +24,13 @@ class Symbol:
 
 
 def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol, Any], Any]:
-    def combined(a: Symbol, b: Any) -> Any:
+    def combine(a: Symbol, b: Any) -> Any:
         if isinstance(b, np.ndarray):
             return NotImplemented  # element by element, by NumPy
         y = b.x if isinstance(b, Symbol) else b
         return Symbol(of(y, a.x) if swapped else of(a.x, y))
 
-    return combined
+    return combine
 
 
 def _unary(of: Callable[[Any], Any]) -> Callable[[Symbol], Symbol]:

@@ -76,9 +76,9 @@ def by_ends(w: ca.SX) -> list[ca.SX]:
 
 def _entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
     """Symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
-    values, filled = distinct_entries(Z)
+    values, fill = distinct_entries(Z)
     kept = ca.SX.sym("kept", len(values))
-    return (kept, ca.vertcat(*values)), filled(kept)
+    return (kept, ca.vertcat(*values)), fill(kept)
 
 
 def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
@@ -109,11 +109,11 @@ def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
             found.append(at[:, c])
             values.append(Z[c])
 
-    def filled(kept: Any) -> ca.SX:
+    def fill(kept: Any) -> ca.SX:
         inside = [sign * kept[known] if sign else Z[c] for c, (sign, known) in enumerate(which)]
         return ca.reshape(ca.vertcat(*inside), *Z.shape)
 
-    return values, filled
+    return values, fill
 
 
 def measures_in_space(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:

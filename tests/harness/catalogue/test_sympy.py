@@ -1,12 +1,13 @@
 """Systems of ``sympy.physics.mechanics`` become mechanisms whose accelerations are those of SymPy's own equations.
 
 Models: the pendulum on a cart and the masses on springs that SymPy ships, and as in published examples the block with
-two pendulums and the four-bar linkage of SymPy's tutorials on mechanics, and the rods on a wall of "Learn Multibody
-Dynamics" (Moore); each of these is written anew.
+two pendulums of SymPy's tutorials on mechanics and the rods on a wall of "Learn Multibody Dynamics" (Moore), written
+anew; the four-bar linkage is the example of the manual.
 """
 
 import importlib
 import importlib.util
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from mbsbench.harness.catalogue.sympy_systems import _Equations
 from mbsbench.harness.mechanics.motion import energy
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("sympy") is None, reason="sympy: extra formats")
+EXAMPLE = Path(__file__).parents[3] / "docs/examples/kane_four_bar.py"
 
 
 @pytest.fixture(scope="module")
@@ -54,33 +56,11 @@ def block_with_pendulums(me, sp, torque=0.0):
 
 
 def four_bar(me, sp):
-    """A KanesMethod with dependent coordinates: three pinned links, the last one closed onto the ground."""
-    q, u = me.dynamicsymbols("q1:4"), me.dynamicsymbols("u1:4")
-    m, g, *l = sp.symbols("m g l1:5")
-    N, O = me.ReferenceFrame("N"), me.Point("O")
-    O.set_vel(N, 0)
-    end, frame, speed, bodies, loads = O, N, 0, [], []
-    for i in range(3):
-        frame = frame.orientnew(f"F{i}", "Axis", (q[i], N.z))
-        speed = speed + u[i]
-        frame.set_ang_vel(N, speed * N.z)
-        C, tip = end.locatenew(f"C{i}", l[i] / 2 * frame.x), end.locatenew(f"P{i}", l[i] * frame.x)
-        for p in (C, tip):
-            p.v2pt_theory(end, N, frame)
-        bodies.append(me.RigidBody(f"link{i + 1}", C, frame, m, (me.inertia(frame, 0.01, 0.1, 0.1), C)))
-        loads.append((C, -m * g * N.y))
-        end = tip
-    gap = end.pos_from(O) - l[3] * N.x
-    closing = [gap.dot(N.x), gap.dot(N.y)]
-    rates = dict(zip([c.diff() for c in q], u, strict=True))
-    kane = me.KanesMethod(
-        N, q[:1], u[:1], [c.diff() - w for c, w in zip(q, u, strict=True)], q_dependent=q[1:], u_dependent=u[1:],
-        configuration_constraints=closing,
-        velocity_constraints=[me.msubs(f.diff(me.dynamicsymbols._t), rates) for f in closing],
-    )  # fmt: skip
-    kane.kanes_equations(bodies, loads)
-    lengths = dict(zip(l, (0.5, 1.2, 0.9, 1.0), strict=True))
-    return kane, {m: 2.0, g: 9.81, **lengths}, {q[0]: 1.2, q[1]: -1.0, q[2]: -1.7, u[0]: 1.0}, {}
+    """The example of the manual: three pinned links, the last one closed onto the ground by dependent coordinates."""
+    found: dict = {}
+    exec(EXAMPLE.read_text(encoding="utf-8").partition("\nproblem = ")[0], found)  # its model alone
+    start = dict(zip([*found["q"], found["u"][0]], (1.2, -1.0, -1.7, 1.0), strict=True))
+    return found["kane"], found["values"], start, {}
 
 
 def two_rods(me, sp):
@@ -166,7 +146,7 @@ def test_accelerations_are_those_of_sympy_s_own_rhs(me, sp, make):
     assert ", ".join(sorted(kinds)) == EXPECTED[make]
     e = _Equations(method, values, tuple(more.get("bodies", ())), None)
     random = np.random.default_rng(5)
-    q = e._closed(np.array([start.get(c, 0.0) for c in e.q]) + 0.1 * random.standard_normal(len(e.q)))
+    q = e._close_loops(np.array([start.get(c, 0.0) for c in e.q]) + 0.1 * random.standard_normal(len(e.q)))
     C = e._at("allowed", q)
     u = random.standard_normal(len(e.u))
     u -= np.linalg.pinv(C) @ C @ u

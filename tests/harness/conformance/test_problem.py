@@ -9,7 +9,7 @@ from mbsbench import constraint_jacobian, make_problem
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import problem as requirements
 from mbsbench.harness.conformance.laws import find_redundant_joints
-from mbsbench.harness.reference import computed
+from mbsbench.harness.reference import computation
 from mbsbench.harness.results.environment import ROOT
 
 from ..conftest import PLUGIN
@@ -59,7 +59,7 @@ def checked(tmp_path, text):
     with pytest.MonkeyPatch.context() as patch:
         for name in ("_plugin_files", "_plugin_problems", "_plugin_solvers"):
             patch.setattr(registry, name, type(getattr(registry, name))())
-        patch.setattr(computed, "BUDGET", 3.0)  # of the independent reference, which one test below computes in full
+        patch.setattr(computation, "BUDGET", 3.0)  # of the independent reference, which one test below computes in full
         registry.load_plugin(path)
         return requirements.check_problem("gyroscope", (str(path),))
 

@@ -100,8 +100,8 @@ def classical_with(monkeypatch, new: str) -> None:
 
 def joints_with(monkeypatch, new: str) -> None:
     """Joint coordinates with another gyroscopic term, and code of their own."""
-    broken = changed(motion.Motion.carried, motion, "+ ca.cross(omega, spin)", new)
-    monkeypatch.setattr(motion.Motion, "carried", broken)
+    broken = changed(motion.Motion.compute_carried_loads, motion, "+ ca.cross(omega, spin)", new)
+    monkeypatch.setattr(motion.Motion, "compute_carried_loads", broken)
     monkeypatch.setattr(code, "_own_text", lambda: f"planted {new}")
 
 

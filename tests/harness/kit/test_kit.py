@@ -10,7 +10,7 @@ from mbsbench import States, accelerations, advance, kit
 from mbsbench.harness.kit.cases import make_case
 from mbsbench.harness.kit.conditioning import measure_growth
 from mbsbench.harness.kit.verdict import DEVIATIONS, EVALUATION, UNIT
-from mbsbench.harness.reference.computed import reference_of
+from mbsbench.harness.reference.computation import reference_of
 from mbsbench.harness.types import Law
 
 SINGLE, DOUBLE = np.float32, np.float64

@@ -100,9 +100,9 @@ def test_all_routes_give_one_acceleration(kind, ground) -> None:
     if kind in KINDS:
         assert np.linalg.matrix_rank(constraint_jacobian(system, s).toarray()) == TAKEN[kind] == system.nrows
     one, two = NewtonEuler(system), Directors(system)
-    v_dot, Omega_dot = one.rate(one.restarted(one.start(s)))[7 * nb : -1].reshape(2, nb, 3)
+    v_dot, Omega_dot = one.rate(one.project_state(one.start(s)))[7 * nb : -1].reshape(2, nb, 3)
     assert np.concatenate((v_dot, Omega_dot), axis=1).ravel() == pytest.approx(u_dot, abs=1e-9)
-    z_ddot = two.rate(two.restarted(two.start(s))[None])[0, :-1].reshape(2, nb, 4, 3)[1]
+    z_ddot = two.rate(two.project_state(two.start(s))[None])[0, :-1].reshape(2, nb, 4, 3)[1]
     hat = so3.hat(s.Omega)
     assert np.max(np.abs(z_ddot[:, 0] - v_dot)) < 1e-9
     assert np.max(np.abs(np.swapaxes(z_ddot[:, 1:], 1, 2) - s.R @ (hat @ hat + so3.hat(Omega_dot)))) < 1e-9

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mbsbench
-from mbsbench.harness.mechanics import lent
+from mbsbench.harness.mechanics import added_inertia
 from mbsbench.harness.mechanics.dynamics import Rates, accelerations
 from mbsbench.harness.mechanics.joints import JointKind
 from mbsbench.harness.mechanics.state import State
@@ -62,7 +62,7 @@ def test_axes_that_nothing_turns_are_lent_inertia_that_changes_nothing(
     check_axes(system, start, 1.0)
     assert np.all(np.linalg.eigvalsh(system.regular_inertia) > 0.0)
     found = accelerations(system, start)
-    monkeypatch.setattr(lent, "SHARE", 1.0)
+    monkeypatch.setattr(added_inertia, "SHARE", 1.0)
     other = accelerations(dataclasses.replace(system), start)
     for a, b in ((found.v_dot, other.v_dot), (found.Omega_dot, other.Omega_dot)):
         assert np.allclose(a, b, rtol=1e-12, atol=1e-12)

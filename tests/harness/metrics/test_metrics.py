@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mbsbench import Joint, RigidBody, SpringDamper, States, assemble
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.metrics import compiled, measure, rows, scales, thinning
+from mbsbench.harness.metrics import measure, passes, rows, scales, thinning
 from mbsbench.harness.metrics.summary import largest, time_mean, trend
 from mbsbench.harness.metrics.thinning import frames_to_keep, rows_to_keep
 from mbsbench.harness.types import ACCURATE, Law, Problem, State, StepControl
@@ -236,4 +236,4 @@ def test_what_is_no_number_stays_none(monkeypatch):
     s = States(r, R, np.zeros_like(r), np.zeros_like(r))
     for plain, fast in zip(*in_both(lambda: measure._laws(p.system, s), monkeypatch), strict=True):
         assert np.array_equal(np.isnan(plain), np.isnan(fast))
-    assert not compiled.are_rotations(R) and compiled.are_rotations(R[:2])
+    assert not passes.are_rotations(R) and passes.are_rotations(R[:2])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mbsbench import Joint, MultibodySystem, RigidBody, SpringDamper, State, States, assemble, make_problem, so3
-from mbsbench.harness.reference import computed
+from mbsbench.harness.reference import computation
 from mbsbench.harness.types import Law, Problem, Reason
 
 from .judged import claimed, judge
@@ -110,7 +110,7 @@ def test_a_reference_that_ends_early_freezes_no_limit():
 
     (long, m), (short, n) = (found(PENDULUM, pendulum, near, t, horizon) for horizon in (10.0, 1e-3))
     assert not long and not short
-    assert n.size.allowed[Law.CONSTRAINT] == pytest.approx(m.size.allowed[Law.CONSTRAINT], rel=1e-3)
+    assert n.size.limits[Law.CONSTRAINT] == pytest.approx(m.size.limits[Law.CONSTRAINT], rel=1e-3)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -138,7 +138,7 @@ def drift_of_damped_swing(steps: int) -> float:
     s = States(r, np.broadcast_to(np.eye(3), (len(t), 1, 3, 3)), v, np.zeros_like(r))
     p = Problem("p", system, s[0], 4.0, 0.1, "", "", literal_start=True)  # so that no reference is computed
     m = judge(p, claimed(t, s)).m
-    return float(np.max(np.abs(m.energy_error)) / m.size.allowed[Law.ENERGY])
+    return float(np.max(np.abs(m.energy_error)) / m.size.limits[Law.ENERGY])
 
 
 @pytest.mark.parametrize("steps", [3, 24, 48])
@@ -159,14 +159,14 @@ def test_errors_of_a_reference_that_grow_with_time_are_judged_and_those_of_chaos
 
 def test_a_small_mechanism_is_judged_by_its_computed_reference(tmp_path, monkeypatch):
     """A spherical pendulum of 0.02 mm moves 0.05 mm: a run of the wrong rate is inaccurate, as it is at a metre."""
-    monkeypatch.setattr(computed.orbit, "FOLDER", tmp_path)
+    monkeypatch.setattr(computation.orbit, "FOLDER", tmp_path)
     for size in (1.0, 2e-5):
         body = RigidBody(1.0, np.diag([0.1, 0.2, 0.25]) * size**2)
         system = assemble([body], [Joint(0, (-size, 0.0, 0.0))], (0.0, 0.0, -9.81 * size))
         rest, at = np.zeros((1, 3)), np.array([[size, 0.0, 0.0]])
         p = Problem("p", system, State(at, np.eye(3)[None], rest, rest), 1.0, 0.01, "", "")
         t = np.linspace(0.0, 1.0, 101)
-        exact = computed.reference_of(p)
+        exact = computation.reference_of(p)
         for late, laws in ((0.0, []), (0.3, [Law.MOTION])):
             judged = judge(p, claimed(t, exact.states(np.maximum(t - late, 0.0))))
             assert judged.c["judged_to_s"] == 1.0 and [r.law for r in judged.inaccuracy] == laws
@@ -175,8 +175,8 @@ def test_a_small_mechanism_is_judged_by_its_computed_reference(tmp_path, monkeyp
 def test_a_start_as_printed_has_no_reference_and_may_open_its_joints():
     """The motion that follows is not that of a consistent start; laws of the joints are not its laws."""
     literal = make_problem("spherical_pendulum", {"omega_z": 0.1, "literal_start": True})
-    assert literal.reference() is None and computed.reference_of(literal) is None
-    assert computed.source_of(literal) is computed.Source.NONE
+    assert literal.reference() is None and computation.reference_of(literal) is None
+    assert computation.source_of(literal) is computation.Source.NONE
     t = np.linspace(0.0, literal.t_end, 101)
     away = t[:, None, None] * np.array([0.0, 0.0, 0.05])
     one = States.one(literal.initial)

@@ -118,12 +118,12 @@ def test_a_value_against_others():
 
 
 def test_bands_move_by_their_ends_or_about_their_middle():
-    assert Band(-math.inf, 2.0).moved(1.5) == Band(-math.inf, 3.0)
-    assert Band(3.0, math.inf).moved(1.5) == Band(2.0, math.inf)
-    assert Band(-math.inf, -0.3).moved(1.5).high == pytest.approx(-0.2)
-    assert Band(-1.0, 1.0).moved(1.5) == Band(-1.5, 1.5)
-    low, high = Band(1.0, 100.0).moved(0.5).low, Band(1.0, 100.0).moved(0.5).high
+    assert Band(-math.inf, 2.0).move(1.5) == Band(-math.inf, 3.0)
+    assert Band(3.0, math.inf).move(1.5) == Band(2.0, math.inf)
+    assert Band(-math.inf, -0.3).move(1.5).high == pytest.approx(-0.2)
+    assert Band(-1.0, 1.0).move(1.5) == Band(-1.5, 1.5)
+    low, high = Band(1.0, 100.0).move(0.5).low, Band(1.0, 100.0).move(0.5).high
     assert (low, high) == pytest.approx((10**0.5, 10**1.5))
     for band in (Band(2.0, 3.0), Band(-1.0, 4.0), Band(-math.inf, -1.0), Band(0.5, math.inf)):
-        narrow, wide = band.moved(1 / 1.5), band.moved(1.5)
+        narrow, wide = band.move(1 / 1.5), band.move(1.5)
         assert wide.low <= band.low <= narrow.low <= narrow.high <= band.high <= wide.high

@@ -71,13 +71,13 @@ def test_counts_and_ends_have_no_wider_band():
 ])  # fmt: skip
 def test_a_band_moves_from_its_natural_limit(limit, natural, wider):
     """Equality of a ratio and the end of the time do not move; a ratio and its inverse move alike."""
-    high = Band(-math.inf, limit).moved(1.5, **natural).high
+    high = Band(-math.inf, limit).move(1.5, **natural).high
     assert high == pytest.approx(wider, rel=1e-6)
-    assert Band(-math.inf, high).moved(1.0 / 1.5, **natural).high == pytest.approx(limit)
+    assert Band(-math.inf, high).move(1.0 / 1.5, **natural).high == pytest.approx(limit)
     if "is_ratio" in natural:
-        assert Band(1.0 / limit, math.inf).moved(1.5, **natural).low == pytest.approx(1.0 / wider)
+        assert Band(1.0 / limit, math.inf).move(1.5, **natural).low == pytest.approx(1.0 / wider)
     else:
-        assert Band(limit, math.inf).moved(1.0 / 1.5, **natural).low == pytest.approx(wider, rel=1e-6)
+        assert Band(limit, math.inf).move(1.0 / 1.5, **natural).low == pytest.approx(wider, rel=1e-6)
 
 
 def test_a_limit_next_to_a_natural_one_is_not_borderline():

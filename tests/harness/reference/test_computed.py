@@ -14,9 +14,9 @@ from mbsbench.harness.mechanics.state import rotate_states
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.mechanics.work import power
 from mbsbench.harness.metrics.reactions import DIFFERENCE
-from mbsbench.harness.reference import computed as module
+from mbsbench.harness.reference import computation as module
 from mbsbench.harness.reference import orbit
-from mbsbench.harness.reference.computed import compute_reference, is_computable, reference_of
+from mbsbench.harness.reference.computation import compute_reference, is_computable, reference_of
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 from mbsbench.problems.exact.one_body import one_body_motion

@@ -7,7 +7,7 @@ from mbsbench import Joint, Load, Problem, RigidBody, State, TimeFunction, Torsi
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.reference import director_rows, orbit, pushes
-from mbsbench.harness.reference.computed import Source, _key, compute_reference, source_of
+from mbsbench.harness.reference.computation import Source, _key, compute_reference, source_of
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
 
@@ -131,7 +131,7 @@ def test_both_routes_take_a_users_law() -> None:
 
 def _agree(system, start: State) -> None:
     one, two = NewtonEuler(system), Directors(system)
-    y, z = one.restarted(one.start(start)), two.restarted(two.start(start))
+    y, z = one.project_state(one.start(start)), two.project_state(two.start(start))
     assert np.max(np.abs(one.states(y[None]).r - two.states(z[None]).r)) < 1e-13
     nb, s = system.nb, one.states(y[None])[0]
     v_dot, Omega_dot = one.rate(y)[7 * nb : -1].reshape(2, nb, 3)

@@ -81,7 +81,7 @@ def test_comments_docstrings_and_layout_change_nothing(whole, edited):
 
 
 def test_another_shape_in_an_annotation_changes_nothing(whole, edited):
-    after = edited("harness/metrics/compiled.py", 'Float[np.ndarray, "nt nb"]', 'Float[np.ndarray, "nt nb 3"]')
+    after = edited("harness/metrics/passes.py", 'Float[np.ndarray, "nt nb"]', 'Float[np.ndarray, "nt nb 3"]')
     assert after.measuring == whole.measuring
 
 

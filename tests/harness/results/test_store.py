@@ -48,7 +48,7 @@ def test_record_and_series_come_back(tmp_path):
     assert same(loaded.records[0], record)
     back = store.series_of(tmp_path, record)
     assert np.array_equal(back["t"], series()["t"]) and back.events == ({"t": 0.5, "what": "passage"},)
-    assert list(back.named("obs_")) == ["theta"]
+    assert list(back.select("obs_")) == ["theta"]
 
 
 def test_table_reads_as_it_was(tmp_path):

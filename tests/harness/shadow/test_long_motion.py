@@ -109,7 +109,7 @@ def test_stored_motion_is_that_of_the_reference_in_doubles(name):
 
 
 def long_motion_reference(problem):
-    from mbsbench.harness.reference.computed import reference_of
+    from mbsbench.harness.reference.computation import reference_of
 
     return reference_of(problem)
 

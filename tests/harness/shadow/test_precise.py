@@ -24,8 +24,8 @@ from mbsbench.harness.shadow import precise, series_code
 from mbsbench.harness.shadow.precise import PreciseFlow, difference
 from mbsbench.harness.shadow.rods import Rod, Rods
 from mbsbench.harness.shadow.series import Flow
-from mbsbench.harness.shadow.taylor import Series, exactly
-from mbsbench.problems.exact.pinned import PinnedBody
+from mbsbench.harness.shadow.taylor import Series, sum_exactly
+from mbsbench.problems.exact.pinned_body import PinnedBody
 from tests.problems.test_proved import motion_of, series
 
 BITS = (80, 113)
@@ -45,7 +45,7 @@ def allowed(bits: int, steps: int = STEPS) -> float:
 
 def exact(parts: np.ndarray) -> np.ndarray:
     """Sums of doubles as mpf."""
-    return np.array([mpf(x.numerator) / x.denominator for x in map(exactly, parts)], dtype=object)
+    return np.array([mpf(x.numerator) / x.denominator for x in map(sum_exactly, parts)], dtype=object)
 
 
 def last(flow: PreciseFlow, *times: str) -> np.ndarray:

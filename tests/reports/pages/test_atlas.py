@@ -105,7 +105,7 @@ def test_stops_of_one_solver_on_one_problem_stand_together(tmp_path):
     put(tmp_path, record("c1", status="crashed", t_reached_s=1.0), series(40, 1.0))
     put(tmp_path, record("o1", "beta", status="stalled", t_reached_s=1.0), series(40, 1.0))
     results = read_results(tmp_path)
-    found = groups(results, looks(results.solvers))
+    found = groups(results, [c for c in results.runs if c.has_stopped and not c.is_unfinished], looks(results.solvers))
     assert {k: g["total"] for k, g in found.items()} == {"killed": 1, "limit": 4}
     heads = [
         (f["runs"][0].record.solver, len(f["runs"]), f["runs"][0].record.run_id) for f in found["limit"]["families"]

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from mbsbench.harness.places import Place
 from mbsbench.harness.results.judgements.claims import Finding, Verdict
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.change.compare import (
+from mbsbench.reports.pages.compare import (
     Rank,
     apart,
     changes,

@@ -17,7 +17,7 @@ from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.paper import build, captions, lines
 from mbsbench.reports.paper.catalogue import FIGURES
 from mbsbench.reports.plots import spec
-from mbsbench.reports.plots.printed import SUFFIXES, style
+from mbsbench.reports.plots.paper import SUFFIXES, style
 
 from .conftest import asked, fill, record_for, suite
 

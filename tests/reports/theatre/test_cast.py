@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbsbench.reports.mechanism.theatre.scene import AT_MOST, cast
+from mbsbench.reports.mechanism.theatre.scene import AT_MOST, choose_players
 from mbsbench.reports.model.results import Run, Variant
 
 from ..conftest import record
@@ -27,7 +27,7 @@ def test_everyone_plays_or_is_reported(seed):
         for k in range(30)
     ]  # fmt: skip
     moved = [c.run_id for c in runs if random.uniform() < 0.8]
-    chosen, left = cast(variant(*runs), moved)
+    chosen, left = choose_players(variant(*runs), moved)
     assert sorted(names(chosen) + names(left)) == sorted(c.run_id for c in runs)
     settings = {(c.solver, c.dt_s) for c in runs if c.run_id in moved}
     assert len(chosen) == min(AT_MOST, len(settings)) and set(names(chosen)) <= set(moved)
@@ -36,7 +36,7 @@ def test_everyone_plays_or_is_reported(seed):
 
 def test_the_solid_one_is_sound_and_plain():
     """Not the least drift of all: one with options of its own shows less of its solver."""
-    chosen, _ = cast(
+    chosen, _ = choose_players(
         variant(
             record("odd", solver_options='{"gauge": "zero"}', energy_drift_max_J=1e-12),
             record("plain", energy_drift_max_J=1e-3),
@@ -53,7 +53,7 @@ def test_the_same_settings_play_once():
         record("first", label="map"), record("again", label="as printed", max_steps=7),
         record("finer", label="map", dt_s=0.001), record("odd", label="as printed", solver_options='{"gauge": "zero"}'),
     ]  # fmt: skip
-    chosen, left = cast(variant(*runs), [c.run_id for c in runs])
+    chosen, left = choose_players(variant(*runs), [c.run_id for c in runs])
     assert len(chosen) == 3 and {"finer", "odd"} < set(names(chosen))
     assert names(left) in (["first"], ["again"])
 
@@ -62,7 +62,7 @@ def test_every_failure_is_on_stage_before_more_successes():
     """With more solvers than places: the best, the middle, the worst, then who is wrong or stopped."""
     runs = [record(f"s{k:02}", f"s{k:02}", energy_drift_max_J=10.0 ** (k - 20)) for k in range(15)]
     lost = [record("w", "zz", "wrong"), record("d", "zy", "diverged"), record("i", "zx", "inaccurate")]
-    chosen, _ = cast(variant(*runs, *lost), [c.run_id for c in (*runs, *lost)])
+    chosen, _ = choose_players(variant(*runs, *lost), [c.run_id for c in (*runs, *lost)])
     assert {"w", "d", "i", "s00", "s07", "s14"} <= set(names(chosen)) and names(chosen)[0] == "s00"
 
 
@@ -70,7 +70,7 @@ def test_all_solvers_that_fail_are_on_stage():
     """However many they are, beside the best, the middle and the worst."""
     runs = [record(f"s{k}", f"s{k}", energy_drift_max_J=10.0**k) for k in range(5)]
     lost = [record(f"w{k:02}", f"w{k:02}", "wrong") for k in range(12)]
-    chosen, _ = cast(variant(*runs, *lost), [c.run_id for c in (*runs, *lost)])
+    chosen, _ = choose_players(variant(*runs, *lost), [c.run_id for c in (*runs, *lost)])
     assert set(names(chosen)) == {"s0", "s2", "s4", *(c.run_id for c in lost)}
 
 
@@ -78,5 +78,5 @@ def test_failures_come_before_more_of_the_same():
     """Of a solver's other label the run that stopped is shown, not the one that held."""
     runs = [record("fine", dt_s=0.001), record("coarse", dt_s=0.1)]
     runs += [record("held", label="as printed", dt_s=0.001), record("broke", "alpha", "diverged", label="as printed")]
-    chosen, left = cast(variant(*runs), [c.run_id for c in runs], at_most=2)
+    chosen, left = choose_players(variant(*runs), [c.run_id for c in runs], at_most=2)
     assert set(names(chosen)) == {"fine", "broke"} and set(names(left)) == {"coarse", "held"}

@@ -60,7 +60,7 @@ def test_rows_and_loads_are_the_judges(system: MultibodySystem) -> None:
     assert np.max(np.abs(k.slip[k.order] + A @ v - motion.constraint_rate(system, one)[0])) < 10.0 * ROUNDING
     drift = motion.drift(system, one)[0]
     assert np.max(np.abs(k.gamma[k.order] - drift)) < 1e-8 * np.max(np.abs(drift))
-    k.applied.run()
+    k.applied_forces.run()
     load = motion.applied_loads(system, one)[0]
     assert np.max(np.abs(k.force - load)) < ROUNDING * np.max(np.abs(load))
 

@@ -95,7 +95,7 @@ def drawn_again(p: Problem) -> object:
 
 def known_motion(problem: Any) -> Trajectory:
     import_anew()
-    from mbsbench.harness.reference.computed import reference_of
+    from mbsbench.harness.reference.computation import reference_of
 
     t = np.linspace(0.0, problem.t_end, 101)
     return Trajectory(t, reference_of(problem).states(t), Status.SUCCESS, "known", {})

@@ -17,7 +17,7 @@ def principal(inertia: Float[np.ndarray, "nb 3 3"]) -> tuple[np.ndarray, np.ndar
     return values, axes, values <= NONE * values[:, 2:]
 
 
-def lent_inertia(
+def compute_added_inertia(
     mass: Float[np.ndarray, " nb"], inertia: Float[np.ndarray, "nb 3 3"], arm: Float[np.ndarray, " nb"]
 ) -> Float[np.ndarray, "nb 3 3"]:
     """About the axes without inertia; ``arm`` [m] is what the inertia of a point mass is measured by."""
@@ -27,11 +27,11 @@ def lent_inertia(
 
 
 def check_idle(
-    lent: Float[np.ndarray, "nb 3 3"], arm: Float[np.ndarray, " nb"], f: Float[np.ndarray, "nb 6"],
+    added: Float[np.ndarray, "nb 3 3"], arm: Float[np.ndarray, " nb"], f: Float[np.ndarray, "nb 6"],
     Omega_dot: Float[np.ndarray, "nb 3"],
 ) -> None:  # fmt: skip
     """ValueError where the loads ``f`` accelerate lent inertia: bodies do not have it. ``arm`` [m]: of forces."""
-    taken = np.max(np.abs(np.einsum("bij,bj->bi", lent, Omega_dot)), initial=0.0)
+    taken = np.max(np.abs(np.einsum("bij,bj->bi", added, Omega_dot)), initial=0.0)
     size = max(np.max(np.abs(f[:, :3]) * arm[:, None], initial=0.0), np.max(np.abs(f[:, 3:]), initial=0.0))
     if taken > STILL * size:
         raise ValueError("a body is accelerated about an axis without inertia: give it some there")

@@ -7,25 +7,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from jinja2 import Environment, FileSystemLoader
-
-from ..harness.files import write_text
 from ..harness.places import Place
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
-from .model.followed import list_followed
 from .model.frontier import frontiers, of_most_problems
 from .model.results import Results, group_by, read_results, stamp
+from .model.tracking import list_followed
 from .pages.judged.orders import by_case, fit_of, ladders
 from .pages.runs.solvers import card_of
 from .plots.laws import draw_runs, laws
-from .plots.printed import figure, save
+from .plots.paper import figure, save
 from .plots.spec import Look, Plot, Trace, looks
 from .plots.work import plots_of
+from .rendering import write_file
 
-TEMPLATES = Path(__file__).parent / "templates"
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 
 
@@ -39,18 +35,8 @@ def write_page(
     results = read_results(folder, check_series=False)
     follow = [f for variant in results.variants for f in list_followed(variant)]
     card = card_of(solver, orders, (), follow, of_most_problems(frontiers(results)))
-    write_file(path, "tried.html", solver=solver, summary=summary, findings=findings, card=card,
+    write_file(path, "trial.html", title=solver, summary=summary, findings=findings, card=card,
                charts=list(_charts(results, orders)), stamp=stamp(results))  # fmt: skip
-
-
-def write_file(path: Path, template: str, **values: Any) -> None:
-    """Write a page that is one file."""
-    write_text(path, render_file(template, **values))
-
-
-def render_file(template: str, **values: Any) -> str:
-    """A page that is one file, charts included."""
-    return Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template(template).render(**values)
 
 
 def _charts(results: Results, orders: Sequence[Order]) -> Iterator[dict[str, str]]:

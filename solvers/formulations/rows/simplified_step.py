@@ -40,7 +40,7 @@ class SimplifiedStep(Mechanism):
         starts: list[Callable[[Any], ca.SX]] = []
         f_bars, slips = [ca.SX(0)] * n, [ca.SX(0)] * n
         wrenches = [_wrenches(part.kind, part.of, part.body[1] >= 0, direction) for part in self.parts]
-        given = [self._given(spun, part) for part in self.parts]
+        given = [self._list_inputs(spun, part) for part in self.parts]
         for part, wrench, at_start in zip(self.parts, wrenches, given, strict=True):
             Z, D, f_bar, slip = wrench(*at_start, B)
             load = D @ (-half * f_bar) if use_f_bar else ca.SX.zeros(Z.shape[0])
@@ -48,7 +48,7 @@ class SimplifiedStep(Mechanism):
                 load -= Z @ nu_start[_own(part)]
             _add(first, part, load)
             own, filled = distinct_entries(Z)
-            starts.append(_taken(filled, len(values)))
+            starts.append(_skip_first(filled, len(values)))
             values += own
             for k in range(len(part.of)):
                 f_bars[part.first + k], slips[part.first + k] = f_bar[k] if use_f_bar else ca.SX(0), slip[k]
@@ -73,12 +73,12 @@ class SimplifiedStep(Mechanism):
         told = ca.SX.sym("factor", numbers.numel())
         factor.exchange_numbers(told)
         x = factor.solve({k: -_rate(row, free) for k, row in rows.items()})
-        v = self._pushed(free, rows, x)
+        v = self._push(free, rows, x)
         square = sum(
             (self._energy(b, a - o) for b, (a, o) in enumerate(zip(v, ca.vertsplit(at.v, 6), strict=True))), ca.SX(0)
         )
         change = _column([x[k] for k in range(n)])
-        closed = self._closed(at, rows, factor)
+        closed = self._close_joints(at, rows, factor)
         poses = [at.t, at.r, at.R]
         return {
             "begin": Straight(
@@ -110,7 +110,7 @@ class SimplifiedStep(Mechanism):
     def _inertia(self, b: int) -> ca.DM:
         return ca.sparsify(ca.DM(_snap(self.system.regular_inertia[b])))
 
-    def _given(self, spun: State, part: Part) -> list[Any]:
+    def _list_inputs(self, spun: State, part: Part) -> list[Any]:
         """What ``_wrenches`` reads, but for B."""
         s, bodies = self.system, []
         for b in part.body:
@@ -144,7 +144,7 @@ def _add(w: list[ca.SX], part: Part, load: ca.SX) -> None:
             w[b] = w[b] + load[6 * e : 6 * e + 6]
 
 
-def _taken(filled: Callable[[Any], ca.SX], first: int) -> Callable[[Any], ca.SX]:
+def _skip_first(filled: Callable[[Any], ca.SX], first: int) -> Callable[[Any], ca.SX]:
     return lambda kept: filled(kept[first:])
 
 

@@ -48,14 +48,14 @@ def wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
 def code_of(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
     """What ``maker``, a function of a module of this folder, makes of a kind of joint or force."""
 
-    def printed() -> str:
+    def print_code() -> str:
         module, function = maker.split(".")
         return print_functions(getattr(import_module(f".{module}", __package__), function)(*key, **choices))
 
     key = (kind, *of) if kind else of
     declared = {**joints.DECLARED, **forces.DECLARED}
     paths = {f.__code__.co_filename for f in vars(declared[kind]).values() if hasattr(f, "__code__")} if kind else ()
-    return Code(printed, f"{maker} {key} {choices}\0{_texts()}\0{_text(tuple(sorted(paths)))}")
+    return Code(print_code, f"{maker} {key} {choices}\0{_texts()}\0{_text(tuple(sorted(paths)))}")
 
 
 @cache

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from ..mechanics import lent, time_functions, user_forces
+from ..mechanics import added_inertia, time_functions, user_forces
 from ..mechanics.kept_code import Unknown, digest_of
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
@@ -61,7 +61,7 @@ class ComputedReference:
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         """The motion at ``t`` [s], up to the horizon."""
-        return self.first.states(self.orbit(t)).timed(np.asarray(t, dtype=float))
+        return self.first.states(self.orbit(t)).with_times(np.asarray(t, dtype=float))
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Bound [m] on the position error of any body, and on angles times radii of gyration."""
@@ -151,7 +151,7 @@ def _key(problem: Problem) -> str | None:
 @cache
 def _code() -> bytes:
     here = sorted(Path(__file__).parent.glob("*.py"))
-    shared = (Path(lent.__file__), Path(time_functions.__file__), Path(user_forces.__file__))
+    shared = (Path(added_inertia.__file__), Path(time_functions.__file__), Path(user_forces.__file__))
     return b"".join(f.read_bytes() for f in (*here, *shared))
 
 
@@ -181,9 +181,9 @@ class _Motion:
     def pieces(self, tolerance: float, correction: float) -> Iterator[Piece]:
         """Chunks of about ``CHUNK`` steps, both states made consistent after each; ends where a route fails."""
         c_first, c_second = cost(self.system)
-        first, second = self._paid(self.first.rate, c_first), self._paid(self.second.rate, c_second)
+        first, second = self._charge(self.first.rate, c_first), self._charge(self.second.rate, c_second)
         try:
-            y, z = self.first.restarted(self.first.start(self.start)), self.second.start(self.start)
+            y, z = self.first.project_state(self.first.start(self.start)), self.second.start(self.start)
             pair = Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
             begin, speed, turn = self.first.states(y[None]), 0.0, 0.0
             t, span = 0.0, self.t_end
@@ -203,7 +203,7 @@ class _Motion:
                 t, span = piece.t, min(span, most / 4.0 * span / len(piece.nodes))
                 self.reach = max(self.reach, self._apart(begin, self.first.states(piece.y[None])))
                 yield piece
-                y, z = self.first.restarted(piece.y), self.second.restarted(piece.z)
+                y, z = self.first.project_state(piece.y), self.second.project_state(piece.z)
         except (ArithmeticError, np.linalg.LinAlgError, ValueError):  # ValueError: LAPACK and SciPy on overflow
             return
 
@@ -228,8 +228,8 @@ class _Motion:
 
         return Collocation(each(first), begin), Collocation(second, begin, s=9)  # other nodes, other errors
 
-    def _paid(self, rate: Callable[[np.ndarray], np.ndarray], each: float) -> Callable[[np.ndarray], np.ndarray]:
-        def paid(y: np.ndarray) -> np.ndarray:
+    def _charge(self, rate: Callable[[np.ndarray], np.ndarray], each: float) -> Callable[[np.ndarray], np.ndarray]:
+        def charged_rate(y: np.ndarray) -> np.ndarray:
             self.left -= each * (len(y) if y.ndim > 1 else 1)
             if self.left < 0.0:
                 raise ArithmeticError("the budget is spent")
@@ -239,7 +239,7 @@ class _Motion:
                 raise ArithmeticError("no finite rate")
             return out
 
-        return paid
+        return charged_rate
 
     def _disagreement(self, y: np.ndarray, z: np.ndarray) -> float:
         """[m], with the constraint rows that route 1 dropped."""

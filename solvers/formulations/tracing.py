@@ -21,7 +21,7 @@ def user_element(law: Law, chart: Any, *, chosen: bool) -> Element:
     x = [(b.pose.r, b.pose.R, b.V[:3], b.V[3:]) for b in (i, j)]
     r, R, v, Omega = (np.array([_symbols(a) for a in of_both]) for of_both in zip(*x, strict=True))
     F, T = np.zeros((2, 2, 3), dtype=object)
-    law.presented()(Symbol(t), r[:, :, 0], R, v[:, :, 0], Omega[:, :, 0], F, T)
+    law.build_function()(Symbol(t), r[:, :, 0], R, v[:, :, 0], Omega[:, :, 0], F, T)
     f = [ca.vertcat(_column(F[e]), b.pose.R.T @ _column(T[e])) for e, b in enumerate((i, j))]
     return load_of((i, j), ca.vertcat(*f), ca.SX(0, 1), t, chosen=chosen)
 

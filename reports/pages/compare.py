@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from pathlib import Path
 
-from ....harness.places import Place
-from ....harness.results.comparison import METRICS, Change, Likeness, compare, is_repeatable
-from ....harness.results.judgements.claims import Claim, Verdict
-from ....harness.results.judgements.files import CLAIMS
-from ....harness.results.provenance import find_differences, stamp_of
-from ....harness.results.records import RunRecord
-from ...model.curves import upper
-from ...model.results import Results, Run, group_by, read_results, slug
-from ...model.words import mark, number
-from ...plots.spec import Axis, Plot, Trace
-from ..base import Page, Site, copy_assets, page_of, read_judged
+from ...harness.places import Place
+from ...harness.results.comparison import METRICS, Change, Likeness, compare, is_repeatable
+from ...harness.results.judgements.claims import Claim, Verdict
+from ...harness.results.judgements.files import CLAIMS
+from ...harness.results.provenance import find_differences, stamp_of
+from ...harness.results.records import RunRecord
+from ..model.curves import upper
+from ..model.results import Results, Run, group_by, read_results, slug
+from ..model.words import mark, number
+from ..plots.spec import Axis, Plot, Trace
+from .base import Page, Site, copy_assets, page_of, read_judged
 
 OVERLAYS = 24  # runs whose energy errors are drawn over each other, the largest changes first
 ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js")  # fmt: skip
@@ -259,7 +259,7 @@ def _trace(results: Results, run: Run, name: str, dash: int) -> Trace | None:
     if series is None or "energy_error" not in series:
         return None
     curve = upper(series["t"], series["energy_error"], run.record.t_end_s)
-    end = "failed" if run.stopped else "wrong" if run.status == "wrong" else ""
+    end = "failed" if run.has_stopped else "wrong" if run.status == "wrong" else ""
     return Trace(f"{name}: {run.record.solver}, {run.status}", curve.t, curve.y, solver=run.record.solver, dash=dash,
                  end=end) if len(curve) else None  # fmt: skip
 

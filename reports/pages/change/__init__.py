@@ -1,1 +1,0 @@
-"""Pages of what changed: two results folders compared, and the history of all."""
