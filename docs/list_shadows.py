@@ -5,6 +5,7 @@ python docs/list_shadows.py cloud N SOLVER ...    # scores their ensembles of N 
 python docs/list_shadows.py                       # writes the page from it
 """
 
+import fcntl
 import json
 import math
 import re
@@ -32,6 +33,7 @@ from mbsbench.harness.types import Problem, StepControl, Trajectory
 HERE = Path(__file__).resolve().parent
 PAGE, DATA = HERE / "judging.md", HERE.parent / "results" / "published" / "chaos.json"
 RUNS = HERE.parent / "results" / "local" / "chaos"  # kept: a motion is solved once
+LOCK = RUNS / "lock"
 TABLE = re.compile(r"(?<=<!-- made from chaos\.json by list_shadows\.py -->\n).*(?=<!-- end -->)", re.DOTALL)
 LIMIT = 100.0  # [s] of CPU, of a run
 EARLY, LATE = 5.0, 20.0  # [s] of errors
@@ -45,7 +47,6 @@ SOUND = ("success", "inaccurate")
 def measure(problem: Problem, solver: str) -> dict[str, Any]:
     """A row of the data."""
     spec = make_spec(problem, solver)
-    RUNS.mkdir(parents=True, exist_ok=True)
     path = RUNS / f"{solver}.npz"
     if not path.exists():
         solve_to_file(spec, path, LIMIT)
@@ -127,10 +128,12 @@ def read() -> dict[str, dict[str, Any]]:
 
 
 def keep(part: str, rows: dict[str, Any]) -> None:
-    """Add ``rows`` to a part of the data."""
-    plain = read()
-    plain[part] = dict(sorted((plain.get(part, {}) | rows).items()))
-    DATA.write_text(json.dumps(plain, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    """Add ``rows`` to a part of the data, which other processes add to as well."""
+    with LOCK.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        plain = read()
+        plain[part] = dict(sorted((plain.get(part, {}) | rows).items()))
+        DATA.write_text(json.dumps(plain, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def table() -> str:
@@ -206,6 +209,7 @@ def signed(score: dict[str, Any] | None, part: str) -> str:
 def main() -> None:
     """One of the three."""
     problem = registry.make_problem("chain", {})
+    RUNS.mkdir(parents=True, exist_ok=True)
     if sys.argv[1:2] == ["measure"]:
         for solver in sys.argv[2:]:
             row = measure(problem, solver)

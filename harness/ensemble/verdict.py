@@ -38,7 +38,13 @@ class Comparison:
 
 
 def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list[Comparison]:
-    """``cloud`` against draws of the truth from ``other`` starts; errors by the truth from the ``same`` starts."""
+    """Compare a solver's ``cloud`` with two clouds of the truth: a row for each quantity at each time of ``e``.
+
+    ``same`` are the true motions from the starts of ``cloud``, member by member, for errors; ``other`` are true motions
+    from other starts, any number of them, by which it is scored. Quantities: the centres of mass of all bodies [m, rms
+    over bodies], then each observable of ``e`` [its unit]. Members that did not get so far are counted as missing;
+    with fewer than ``FEWEST`` left on either side all numbers but the error are NaN.
+    """
     out = []
     for k, t in enumerate(e.at):
         size = np.sqrt(e.problem.system.nb)

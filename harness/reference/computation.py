@@ -9,7 +9,7 @@ far. The motion ends where that error passes ``WORST`` of the reach, where a rou
 
 import hashlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache, partial
 from pathlib import Path
@@ -52,7 +52,12 @@ class ComputedReference:
 
     orbit: Orbit
     first: NewtonEuler
-    route: str = "computed: Newton-Euler (DOP853), agreeing with natural coordinates (extrapolation)"
+
+    @property
+    def route(self) -> str:
+        """Both routes with their methods."""
+        methods = ("Radau IIA, 7 nodes", "Radau IIA, 9 nodes") if self.orbit.stiff else ("DOP853", "extrapolation")
+        return "computed: Newton-Euler ({}), agreeing with natural coordinates ({})".format(*methods)
 
     @property
     def horizon(self) -> float:
@@ -272,7 +277,7 @@ def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbi
         left = motion.left
         if found is None:
             continue
-        found = found.until(WORST * motion.reach)
+        found = replace(found.until(WORST * motion.reach), stiff=motion.stiff)
         if best is None or (found.horizon, -found.bound[-1]) > (best.horizon, -best.bound[-1]):
             best = found
         enough = max(AGREED * motion.reach, FAR * float(np.max(np.abs(start.r), initial=0.0)))

@@ -10,7 +10,7 @@ import tempfile
 import zipfile
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ class Orbit:
     F: Float[np.ndarray, "steps 7 ny"]  # DOP853's interpolant
     bound_t: Float[np.ndarray, " nb"]
     bound: Float[np.ndarray, " nb"]  # [m], not decreasing
+    stiff: bool = False  # by collocation
 
     @property
     def horizon(self) -> float:
@@ -60,7 +61,7 @@ class Orbit:
     def until(self, worst: float) -> "Orbit":
         """The part whose bound is below ``worst`` [m]; of no length if there is none."""
         inside = max(int(np.searchsorted(self.bound, worst)), 1)
-        return Orbit(self.t, self.y, self.F, self.bound_t[:inside], self.bound[:inside])
+        return replace(self, bound_t=self.bound_t[:inside], bound=self.bound[:inside])
 
     def _within(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         t = np.asarray(t, dtype=float)
@@ -165,7 +166,8 @@ def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orb
 def _read(file: Path) -> Orbit | None:
     try:
         with np.load(file) as stored:
-            return Orbit(*(stored[name] for name in ("t", "y", "F", "bound_t", "bound")))
+            stiff = bool(stored.get("stiff", False))  # older files of certified motions have none
+            return Orbit(**{name: stored[name] for name in ("t", "y", "F", "bound_t", "bound")}, stiff=stiff)
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):  # absent, or damaged: computed anew
         return None
 
@@ -175,7 +177,7 @@ def _write(file: Path, orbit: Orbit) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as part:
-            np.savez(part, t=orbit.t, y=orbit.y, F=orbit.F, bound_t=orbit.bound_t, bound=orbit.bound)
+            np.savez(part, **vars(orbit))
         os.replace(part.name, file)
     except OSError:
         return

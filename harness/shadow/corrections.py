@@ -28,17 +28,16 @@ class Frames:
     def at(E: Equations, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], tau: float) -> "Frames":
         """Orthonormal in the metric above, of changes that keep loops closed."""
         T, H, slopes = E.frame(t, y)
-        n, nu = len(T), E.nu
+        nu = E.nu
         root = np.swapaxes(np.linalg.cholesky(H / np.sum(E.system.mass)), 1, 2)
-        size = np.zeros((n, 2 * nu, 2 * nu))
-        size[:, :nu, :nu], size[:, nu:, nu:] = root, tau * root
-        unit = np.linalg.inv(size)
-        free = np.linalg.qr(np.swapaxes(slopes @ unit, 1, 2), mode="complete")[0][:, :, E.rows :]
-        basis, coordinates = unit @ free, np.swapaxes(free, 1, 2) @ size
-        back = np.swapaxes(T, 1, 2) / np.sum(T[0] ** 2, axis=0)[:, None]  # xi of a change of q: columns are orthogonal
+        unit = np.linalg.inv(root)
+        rows = np.concatenate((slopes[:, :, :nu] @ unit, slopes[:, :, nu:] @ unit / tau), axis=2)
+        free = np.linalg.qr(np.swapaxes(rows, 1, 2), mode="complete")[0][:, :, E.rows :]
+        pose, rate = free[:, :nu], free[:, nu:]
+        back = root @ np.swapaxes(T, 1, 2) / np.sum(T[0] ** 2, axis=0)[:, None]  # of q: columns of T are orthogonal
         return Frames(
-            np.concatenate((T @ basis[:, :nu], basis[:, nu:]), axis=1),
-            np.concatenate((coordinates[:, :, :nu] @ back, coordinates[:, :, nu:]), axis=2),
+            np.concatenate((T @ (unit @ pose), unit @ rate / tau), axis=1),
+            np.concatenate((np.swapaxes(pose, 1, 2) @ back, np.swapaxes(rate, 1, 2) @ (tau * root)), axis=2),
         )
 
     def measure(self, dy: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n m"]:

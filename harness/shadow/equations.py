@@ -19,11 +19,12 @@ from ...solvers.formulations.joint_coordinates.tree import Tree
 from ...solvers.formulations.rows.kept_code import _texts
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
+from .lanes import LANES, in_lanes, one_by_one, side_by_side
 
 if TYPE_CHECKING:
     from ...solvers.formulations.generated import Loop
 
-VERSION = 2  # of kept code: raise it when ``_functions`` changes
+VERSION = 5  # of kept code: raise it when ``_functions`` changes
 ARGUMENTS = {"about": 2, "rate": 4, "tangent": 5, "project": 4, "frame": 6, "bodies": 7}
 
 
@@ -35,7 +36,7 @@ class Equations:
         self.system, self.tree = system, tree
         self.ny, self.nu = tree.nq + tree.nu, tree.nu
         key = f"shadow {VERSION}\0{_texts()}\0{joint_code._own_text()}\0{joint_code._digest(system, tree)}"
-        self._code = Code(lambda: print_functions(_functions(system, tree)), key)
+        self._code = Code(lambda: _print(_functions(system, tree)), key)
         self._functions = {name: self._code.function(name, n) for name, n in ARGUMENTS.items()}
         about = np.zeros(1)
         self._call("about", 1, about)
@@ -51,15 +52,16 @@ class Equations:
 
     def rate(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n ny"]:
         """y_dot."""
-        out = np.empty(y.shape)
-        self._map("rate", t, y, out)
-        return out
+        lanes = [side_by_side(a[None])[0] for a in (t[:, None], y)]
+        out = np.empty(lanes[1].shape)
+        self._call("rate", len(out), *lanes, out)
+        return one_by_one(out[None], len(y))[0]
 
     def tangent(
-        self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], Y: Float[np.ndarray, "n m ny"]
-    ) -> Float[np.ndarray, "n m ny"]:
-        """d(y_dot) along each of m directions at each state."""
-        x, Y = np.column_stack((t, y)), np.ascontiguousarray(Y)
+        self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], Y: Float[np.ndarray, "n m ny lanes"]
+    ) -> Float[np.ndarray, "n m ny lanes"]:
+        """d(y_dot) along m times ``LANES`` directions at each state."""
+        x, Y = np.repeat(np.column_stack((t, y))[:, :, None], LANES, axis=2), np.ascontiguousarray(Y)
         first = np.repeat(np.arange(len(y), dtype=np.int64) * x.shape[1], Y.shape[1])
         out = np.empty(Y.shape)
         self._call("tangent", len(first), Y, x, first, out)
@@ -86,6 +88,11 @@ class Equations:
         r, R, v, Omega = np.empty(shape), np.empty((*shape, 3)), np.empty(shape), np.empty(shape)
         self._map("bodies", t, y, r, R, v, Omega)
         return States(r, R, v, Omega, t)
+
+
+def _print(functions: "dict[str, Loop]") -> str:
+    vector = in_lanes(print_functions({name: functions.pop(name) for name in ("rate", "tangent")}))
+    return print_functions(functions) + vector
 
 
 def _functions(system: MultibodySystem, tree: Tree) -> "dict[str, Loop]":

@@ -5,12 +5,13 @@ from jaxtyping import Float, Int
 
 from ...solvers.formulations.methods.tableaux import DOPRI853
 from .equations import Equations
+from .lanes import one_by_one, side_by_side
 
 TOLERANCE = 1e-12  # of a step, relative to 1 + |y|
 ROUGH = 1e-9  # the same, on the way
 COARSER = 10  # steps of the flow to one of its tangents: 1e-12 becomes about 1e-5
 MOST_STEPS = 512  # a segment
-TOGETHER = 2**13  # numbers of tangents at a time, of which a step has twelve
+TOGETHER = 2**15  # numbers of tangents at a time, of which a step has twelve
 
 
 def flow(
@@ -38,14 +39,13 @@ def tangents(
     Y: Float[np.ndarray, "n m ny"], steps: Int[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n m ny"]:  # fmt: skip
     """The directions ``Y`` at t, carried along to t + h."""
-    out = np.empty_like(Y)
-    few = -(-steps // COARSER)
-    size = max(1, TOGETHER // (Y.shape[1] * Y.shape[2]))
+    few, lanes = -(-steps // COARSER), side_by_side(Y)
+    size = max(1, TOGETHER // lanes[0].size)
     for n in np.unique(few):
         group = np.flatnonzero(few == n)
         for own in np.array_split(group, -(-len(group) // size)):
-            out[own] = _carry(E, t[own], h[own] / n, y[own], Y[own], int(n))
-    return out
+            lanes[own] = _carry(E, t[own], h[own] / n, y[own], lanes[own], int(n))
+    return one_by_one(lanes, Y.shape[1])
 
 
 def _march(E: Equations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -75,8 +75,8 @@ def _carry(E: Equations, t: np.ndarray, h: np.ndarray, y: np.ndarray, Y: np.ndar
         at = t + step * h
         for i in range(len(b)):
             y_i = y + h[:, None] * np.tensordot(a[i, :i], K[:i], 1)
-            Y_i = Y + h[:, None, None] * np.tensordot(a[i, :i], D[:i], 1)
+            Y_i = Y + h[:, None, None, None] * np.tensordot(a[i, :i], D[:i], 1)
             K[i], D[i] = E.rate(at + c[i] * h, y_i), E.tangent(at + c[i] * h, y_i, Y_i)
         y = y + h[:, None] * np.tensordot(b, K, 1)
-        Y = Y + h[:, None, None] * np.tensordot(b, D, 1)
+        Y = Y + h[:, None, None, None] * np.tensordot(b, D, 1)
     return Y

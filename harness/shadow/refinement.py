@@ -20,6 +20,7 @@ ASTRAY = 128  # steps of a segment, that of a sound motion taking 24: one that t
 PROJECTIONS = 4
 LEAST_DAMPING = 1 / 64
 MOST_ITERATIONS = 20
+MOST_TANGENTS = 10  # of a closing; generalised alpha on the chain over 20 s takes 8
 MOST_APPROACHES = 6  # a motion that is true and near bounds the distance of the nearest, at whatever step it ends
 NEAREST = 1e-1  # of the distance: a step whose square counts no more
 SETTLED = 1e-3  # of the distance: what a step must win at least
@@ -77,10 +78,12 @@ class Refinement:
             return False
 
     def _close(self, linear: Continuity | None) -> bool:
+        left = MOST_TANGENTS
         for _ in range(MOST_ITERATIONS):
-            if self.gap < CLOSED or not np.isfinite(self.gap):
+            if self.gap < CLOSED or not np.isfinite(self.gap) or (linear is None and left == 0):
                 break
-            linear = linear or self._linearise()
+            if linear is None:
+                linear, left = self._linearise(), left - 1
             self.iterations += 1
             z = linear.least(-self.gaps)
             size, after, y, steps, damping = linear.size(z), np.inf, self.y, self._steps, 1.0

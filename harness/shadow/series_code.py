@@ -55,6 +55,25 @@ def _loop(name: str, first: str, last: str, before: str, start: str, body: str, 
   %{name} = phi T [ {start}, %{before} ], [ %{name}.new, %{name}.turn ]{after}"""
 
 
+def _map(name: str, source: str, target: str, body: str) -> str:
+    """A function of an array %x of sums of doubles and one %C of numbers; ``body`` is about %xp and %p, one of each."""
+    return f"""
+define void @{name}(ptr {source}, i64 %n, i64 %stride, ptr {target}) {{
+entry:
+  br label %turn
+turn:
+  %e = phi i64 [ 0, %entry ], [ %e1, %turn ]
+  %at = mul i64 %e, %stride
+  %p = getelementptr T, ptr %C, i64 %at
+  %xp = getelementptr [{PARTS} x double], ptr %x, i64 %e{body}
+  %e1 = add i64 %e, 1
+  %more = icmp slt i64 %e1, %n
+  br i1 %more, label %turn, label %done
+done:
+  ret void
+}}"""
+
+
 def _product(name: str, p: str, q: str) -> str:
     """%name.pq = p_j q_k-j"""
     return f"""
@@ -77,13 +96,7 @@ call.{f}:
   %f.{f} = call T @{f}{suffix}({"T %a" + (", T %second" if f == "atan2" else "")}){keep("f." + f)}"""
                         for f in FUNCTIONS[:-1])  # fmt: skip
     declared = "\n".join(f"declare T @{f}{suffix}(T{', T' if f == 'atan2' else ''})" for f in FUNCTIONS[:-1])
-    text = f"""{declared}
-define void @join(ptr %x, i64 %n, i64 %stride, ptr %C) {{
-entry:
-  br label %turn
-turn:
-  %e = phi i64 [ 0, %entry ], [ %e1, %turn ]
-  %xp = getelementptr [{PARTS} x double], ptr %x, i64 %e
+    join = """
   %x1p = getelementptr double, ptr %xp, i64 1
   %x2p = getelementptr double, ptr %xp, i64 2
   %x0 = load double, ptr %xp
@@ -94,15 +107,11 @@ turn:
   %w2 = fpext double %x2 to T
   %low = fadd T %w1, %w2
   %sum = fadd T %w0, %low
-  %at = mul i64 %e, %stride
-  %p = getelementptr T, ptr %C, i64 %at
-  store T %sum, ptr %p
-  %e1 = add i64 %e, 1
-  %more = icmp slt i64 %e1, %n
-  br i1 %more, label %turn, label %done
-done:
-  ret void
-}}
+  store T %sum, ptr %p"""
+    split = """
+  %c = load T, ptr %p
+  call void @part(T %c, ptr %xp)"""
+    text = f"""{declared}{_map("join", "%x", "%C", join)}{_map("split", "%C", "%x", split)}
 define internal void @part(T %x, ptr %out) {{
   %a = fptrunc T %x to double
   %aw = fpext double %a to T
@@ -116,22 +125,6 @@ define internal void @part(T %x, ptr %out) {{
   store double %a, ptr %out
   store double %b, ptr %p1
   store double %c, ptr %p2
-  ret void
-}}
-define void @split(ptr %C, i64 %n, i64 %stride, ptr %out) {{
-entry:
-  br label %turn
-turn:
-  %e = phi i64 [ 0, %entry ], [ %e1, %turn ]
-  %at = mul i64 %e, %stride
-  %p = getelementptr T, ptr %C, i64 %at
-  %x = load T, ptr %p
-  %o = getelementptr [{PARTS} x double], ptr %out, i64 %e
-  call void @part(T %x, ptr %o)
-  %e1 = add i64 %e, 1
-  %more = icmp slt i64 %e1, %n
-  br i1 %more, label %turn, label %done
-done:
   ret void
 }}
 define void @sum(ptr %C, i64 %n, i64 %stride, ptr %parts, ptr %out) {{

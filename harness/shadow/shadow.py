@@ -62,7 +62,13 @@ class Shadow:
 
 
 def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = None) -> Shadow:
-    """The shadow over ``t_end`` [s], or over a half, a quarter ... of it; ValueError where none can be sought."""
+    """Find the true motion nearest to ``trajectory``: poses and velocities of the bodies of ``problem`` at its rows.
+
+    It is sought over the first ``t_end`` [s], by default all; where none is found, over a half, a quarter ... of them.
+    Returns both motions at the nodes, rows a segment apart, and how far apart they are [m]; ``until`` [s] says over
+    which time a shadow exists, and is 0 where none was found. ValueError where none can be sought: fewer than
+    ``FEWEST`` rows, values that are not finite, a motion at rest, a mechanism without joint coordinates.
+    """
     began = cpu_seconds()
     sought = min(t_end or math.inf, float(trajectory.t[-1]))
     rows = slice(int(np.sum(trajectory.t <= sought * (1.0 + 1e-12))))

@@ -183,6 +183,7 @@ def test_a_stiff_system_has_a_reference_to_its_end(monkeypatch: pytest.MonkeyPat
     explicit = compute_reference(dataclasses.replace(p, t_end=0.1))
     assert explicit is not None and explicit.horizon == 0.1
     assert agree(found, explicit, np.linspace(0.0, 0.1, 201))
+    assert "Radau IIA" in compute_reference(p).route and "DOP853" in explicit.route  # the first from its file
 
 
 def test_a_perturbed_chain_has_a_reference_out_of_its_plane() -> None:

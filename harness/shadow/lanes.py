@@ -1,0 +1,55 @@
+"""Machine code that takes ``LANES`` numbers at a time, where code printed for one takes one: arrays (..., LANES)."""
+
+import re
+
+import numpy as np
+from jaxtyping import Float
+
+LANES = 8  # doubles of AVX-512; other processors take them in parts
+
+
+def side_by_side(a: Float[np.ndarray, "n m k"]) -> Float[np.ndarray, "n groups k lanes"]:
+    """Groups of ``LANES`` of the m; the last is filled up with zeros."""
+    n, m, k = a.shape
+    out = np.zeros((n, -(-m // LANES), LANES, k))
+    out.reshape(n, -1, k)[:, :m] = a
+    return np.ascontiguousarray(np.swapaxes(out, 2, 3))
+
+
+def one_by_one(a: Float[np.ndarray, "n groups k lanes"], m: int) -> Float[np.ndarray, "n m k"]:
+    """Back from ``side_by_side``."""
+    return np.swapaxes(a, 2, 3).reshape(len(a), -1, a.shape[2])[:, :m]
+
+
+def in_lanes(ir: str) -> str:
+    """The same functions, in LLVM IR, with that many numbers side by side in place of each."""
+    lines = []
+    for line in ir.splitlines():
+        if "icmp" in line or "br i1" in line:  # of the count of elements
+            lines.append(line)
+            continue
+        if own := re.match(r"declare double @(?!llvm)(\w+)\((.*)\)", line):
+            lines += [line, *_each_lane(own[1], own[2].count("double"))]
+            continue
+        line = re.sub(r"@llvm\.(\w+)\.f64", rf"@llvm.\1.v{LANES}f64", line)
+        line = re.sub(r"double @(?!llvm)(\w+)\(", r"double @each.\1(", line)
+        line = re.sub(r"\b(double|i1)\b", rf"<{LANES} x \1>", line)
+        line = re.sub(r" (-?\d\.\d|0x\w{16})(?=,|\)|$)", lambda m: f" {_same(f'double {m[1]}')}", line)
+        line = re.sub(r"\btrue\b", _same("i1 true"), line)
+        lines.append(f"{line}, align 8" if re.search(r" = load <|^  store ", line) else line)
+    return "\n".join([*lines, ""])
+
+
+def _same(x: str) -> str:
+    return f"<{', '.join([x] * LANES)}>"
+
+
+def _each_lane(name: str, arguments: int) -> list[str]:
+    """A function of lanes that calls one of numbers."""
+    V, letters = f"<{LANES} x double>", "ab"[:arguments]
+    lines = [f"define internal {V} @each.{name}({', '.join(f'{V} %{a}' for a in letters)}) {{"]
+    for k in range(LANES):
+        lines += [f"  %{a}{k} = extractelement {V} %{a}, i32 {k}" for a in letters]
+        lines.append(f"  %c{k} = call double @{name}({', '.join(f'double %{a}{k}' for a in letters)})")
+        lines.append(f"  %v{k} = insertelement {V} {f'%v{k - 1}' if k else 'undef'}, double %c{k}, i32 {k}")
+    return [*lines, f"  ret {V} %v{LANES - 1}", "}"]
