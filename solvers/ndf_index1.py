@@ -58,7 +58,7 @@ class NdfIndex1(BaumgarteOptions):
     )
 
     paper_label: ClassVar[str] = "DAE-SE"
-    rows_every: ClassVar[int] = 6  # steps, at the rows kept
+    rows_every: ClassVar[int] = 12  # steps, at the rows kept
     scheme: ClassVar[Scheme] = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:

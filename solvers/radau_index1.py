@@ -23,7 +23,7 @@ class RadauIndex1(NdfIndex1):
     """Radau IIA of order 5 on semi-explicit index 1 + Baumgarte, error control."""
 
     paper_label: ClassVar[str] = ""
-    rows_every: ClassVar[int] = 2
+    rows_every: ClassVar[int] = 4
     scheme: ClassVar[Scheme] = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:

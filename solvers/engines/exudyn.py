@@ -4,26 +4,27 @@ A body is a node with Euler parameters and their norm as a constraint, a joint i
 Exudyn's generic joint about its z axis, both joint frames equal at the start, with marker 0 on body j: an incomplete
 set of its rows is then one of ours. It knows no rate of a drive (1.13.6). Redundant rows are left out, chosen by a
 pivoted QR of them in the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have no
-row of their own, and dense LU that ignores the singular Jacobian. Its defaults stay: modified Newton, and smaller steps
-where the iteration fails; such a run has no fixed steps any more and ends there. Sensors record poses inside the timed
-loop. Between stretches it restarts from its state, with initial accelerations computed anew. Its explicit integrators
-take no joints.
+row of their own, and dense LU that ignores the singular Jacobian. Where the rows in use wear out before all do, the
+rest of a stretch is thrown away and a model on better rows goes on from there (``export.exudyn_rows``). Its defaults
+stay: modified Newton, and smaller steps where the iteration fails; such a run has no fixed steps any more and ends
+there. Sensors record poses inside the timed loop. Between stretches it restarts from its state, with initial
+accelerations computed anew. Its explicit integrators take no joints.
 """
 
 import contextlib
 import io
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.linalg as sl
 from jaxtyping import Bool, Float
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from ...harness.mechanics.jacobian import constraint_jacobian
+from ...harness.mechanics import so3
+from ...harness.mechanics.consistency import project
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.joints.frames import normals_of
 from ...harness.mechanics.state import State, States
@@ -32,14 +33,16 @@ from ...harness.mechanics.time_functions import values, varies
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
 from .export.engine import Taken, beyond, made_by, missing, package
+from .export.exudyn_rows import KeptRows, joint_frames
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
 from .export.tree import DRIVES, KINDS, PARALLEL
 
-PIVOT = 1e-9  # of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
 INTEGRATORS = ("TrapezoidalIndex2", "GeneralizedAlpha")
 OUTPUTS = {"Position": 3, "RotationMatrix": 9, "Velocity": 3, "AngularVelocityLocal": 3}  # numbers of a body
 SMALLER = "its iteration failed and it took a smaller step than dt"
+SHORT = 32  # steps of a stretch after rows were chosen anew, at least
+WITHIN = "the rows in use become dependent within a step, and no others hold on both sides of it: reduce dt"
 STEEP = 0.99  # sine of the second angle
 ON_GRID = 1e-6  # of a step: recorded times are sums of steps
 AXIAL = (JointKind.REVOLUTE, JointKind.CYLINDRICAL)
@@ -87,7 +90,7 @@ class Exudyn(Clocked):
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Exudyn's own loop with the fixed step ``control.dt``."""
         model = Model(self, problem, control)
-        return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes())
+        return replace(march(problem, control, model.advance, model.states, clock=clock, notes=()), notes=model.notes())
 
 
 class Model:
@@ -95,17 +98,26 @@ class Model:
 
     def __init__(self, options: Exudyn, problem: Problem, control: StepControl) -> None:
         self._exu, self._options, self._problem = _package(), options, problem
-        system, start = problem.system, problem.initial
-        redundant = not np.all(_independent_rows(system, start))
-        self.full = redundant and options.redundant_rows == "keep"
+        self._time, self._most, self._changes, keep = 0.0, sys.maxsize, list[float](), options.redundant_rows == "keep"
+        self._rows, self._last = KeptRows(problem.system, problem.initial), problem.initial
+        self._left_out = np.flatnonzero(~self._rows.kept)
+        self.full = keep and len(self._left_out) > 0
+        if self.full:
+            self._rows = KeptRows(problem.system, problem.initial, np.ones(problem.system.nrows, dtype=bool))
         self._node = "RotationRxyz" if self.full else "RotationEulerParameters"
-        self._rows = np.ones(system.nrows, dtype=bool) if self.full else _independent_rows(system, start)
+        self._assemble(problem.initial)
+
+    def _assemble(self, start: State) -> None:
+        """Exudyn's system with the rows in use, at ``start``."""
+        system, kept = self._problem.system, self._rows.kept
         self._container = self._exu.SystemContainer()
         self.mbs = mbs = self._container.AddSystem()
         self._ground = mbs.AddObject(self._exu.itemInterface.ObjectGround())
-        self.bodies = [self._body(system, start, b) for b in range(system.nb)]
+        self.bodies: list[Any] = []
+        for b in range(system.nb):
+            self.bodies.append(self._body(system, start, b))
         for k in range(system.nj):
-            self._joint(system, start, k, self._rows[system.row_start[k] : system.row_start[k + 1]])
+            self._joint(system, start, k, kept[system.row_start[k] : system.row_start[k + 1]])
         for k in range(len(system.spring_k)):
             self._spring(system, k)
         for k in range(len(system.torsion_k)):
@@ -114,10 +126,10 @@ class Model:
             self._load(system, k)
         self._sensors = [[self._sensor(b, name) for name in OUTPUTS] for b in self.bodies]
         mbs.Assemble()
-        self._time = 0.0
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """r, R, v, Omega body by body after each of the next steps."""
+        """r, R, v, Omega body by body after each of the next steps, fewer where the rows in use are worn."""
+        steps = min(steps, self._most)
         began, end = self._time, self._time + steps * dt
         kind, words = getattr(self._exu.DynamicSolverType, self._options.integrator), "its solver failed"
         try:
@@ -128,11 +140,31 @@ class Model:
         t = stored[0][0][:, 0]
         rows = np.concatenate([series[:, 1:] for of_body in stored for series in of_body], axis=1)
         on_grid = np.abs(t[: steps + 1] - began - dt * np.arange(min(len(t), steps + 1))) < ON_GRID * dt
-        sound = len(on_grid) if np.all(on_grid) else int(np.argmin(on_grid))
-        self._time = end
-        if not ended or sound <= steps:
-            raise PartialStretch(Status.DIVERGED, words if not ended else SMALLER, rows[1:sound])
-        return rows[1 : steps + 1]
+        rows = rows[1 : len(on_grid) if np.all(on_grid) else int(np.argmin(on_grid))]
+        states = self.states(rows)
+        if worn := self._rows.look(states, dt):
+            rows = rows[: worn.last + 1]
+            self._choose_rows(worn.better, rows, dt)
+            return rows
+        self._time, self._most = end, 2 * self._most
+        if not ended or len(rows) < steps:
+            raise PartialStretch(Status.DIVERGED, words if not ended else SMALLER, rows)
+        self._last = states[-1]
+        return rows
+
+    def _choose_rows(self, kept: Bool[np.ndarray, " nrows"] | None, rows: Float[np.ndarray, "k n"], dt: float) -> None:
+        """Go on from the last of ``rows`` with others; the next stretch may be thrown away, and is not much longer."""
+        system, start = self._problem.system, self.states(rows[-1:])[0] if len(rows) else self._last
+        self._time, self._most = self._time + len(rows) * dt, max(SHORT, 2 * len(rows))
+        if kept is None or self._time in self._changes:
+            raise PartialStretch(Status.DIVERGED, WITHIN, rows)
+        self._changes.append(self._time)
+        try:  # norms of Euler parameters drift where they are held as velocities
+            self._last = project(system, replace(start, R=so3.exp(so3.log(start.R)), t=self._time))
+            self._rows = KeptRows(system, self._last, kept)
+            self._assemble(self._last)
+        except ValueError as error:
+            raise PartialStretch(Status.DIVERGED, f"rows could not be chosen anew: {error}", rows) from None
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
         """States from rows of ``advance``."""
@@ -173,10 +205,11 @@ class Model:
 
     def notes(self) -> tuple[str, ...]:
         """Notes on how joints and forces were modelled."""
-        dropped = np.flatnonzero(~self._rows)
+        dropped, times = ", ".join(map(str, self._left_out)), ", ".join(f"{t:.4g}" for t in self._changes)
         return (
-            f"{int(np.sum(self._rows))} of {self._problem.system.nrows} constraint rows",
-            *((f"left out, redundant at the start: {', '.join(map(str, dropped))}",) if len(dropped) else ()),
+            f"{int(np.sum(self._rows.kept))} of {self._problem.system.nrows} constraint rows",
+            *((f"left out, redundant at the start: {dropped}",) if dropped and not self.full else ()),
+            *((f"rows chosen anew at t = {times} s",) if times else ()),
             made_by("exudyn"),
         )
 
@@ -222,7 +255,7 @@ class Model:
         if system.joint_kind(k) == MovingKind.ROLLING:
             self._disc(system, k, rows)
             return
-        in_i, in_j = _joint_frames(system, start, k)
+        in_i, in_j = joint_frames(system, start, k)
         places = int(system.joint_points[k] + system.joint_lines[k])
         held = dict(zip((*range(places), 4, 3, 5), rows, strict=False))  # a row on x stops turning about y
         markers = [self._marker(j, s_j, in_j), self._marker(i, s_i, in_i)]
@@ -308,35 +341,3 @@ def _tait_bryan(angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) 
     G = np.array([[cb * cc, sc, 0.0], [-cb * sc, cc, 0.0], [sb, 0.0, 1.0]])
     G_dot = [[-sb * cc * b - cb * sc * c, cc * c, 0.0], [sb * sc * b - cb * cc * c, -sc * c, 0.0], [cb * b, 0.0, 0.0]]
     return G, np.array(G_dot) @ rate
-
-
-def _joint_frames(
-    system: MultibodySystem, start: State, k: int
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-    """Columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i.
-
-    With Exudyn's marker 0 on j its rows are ours: places along x and y of j, the axis in i normal to x or y of j.
-    """
-    R = np.concatenate((start.R, np.eye(3)[None]))
-    x, y = system.joint_n[k, :2]
-    if system.joint_kind(k) in (JointKind.UNIVERSAL, JointKind.NORMAL):
-        y = np.cross(R[system.joint_j[k]].T @ R[system.joint_i[k]] @ system.joint_u[k], x)
-    if system.joint_kind(k) == JointKind.ON_PLANE:
-        y = normals_of(x)[0]
-    in_j = np.column_stack((x, y, np.cross(x, y)))
-    return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
-
-
-def _independent_rows(system: MultibodySystem, start: State) -> Bool[np.ndarray, " nrows"]:
-    """Which rows to keep; point rows are taken in the joint frame, as Exudyn states an incomplete set of them."""
-    A = constraint_jacobian(system, start).toarray()
-    for k in np.flatnonzero((system.joint_points == 3) & (system.joint_axes > 0)):
-        point = slice(system.row_start[k], system.row_start[k] + 3)
-        R_i = start.R[system.joint_i[k]]
-        A[point] = (R_i @ _joint_frames(system, start, int(k))[0]).T @ A[point]
-    kept = np.zeros(system.nrows, dtype=bool)
-    if system.nrows:
-        _, pivots, order = sl.qr(A.T, mode="economic", pivoting=True)
-        size = np.abs(np.diag(pivots))
-        kept[order[: int(np.sum(size > PIVOT * size[0]))]] = True
-    return kept

@@ -42,7 +42,7 @@ from .export.tree import DRIVES, Kind, Tree, spanning_tree
 INTEGRATORS = {  # order in dt without constraints
     "RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0, "discrete": 1.0,
 }  # fmt: skip
-LACKS = {  # type: ignore[misc]
+LACKS: dict[str, str] = {
     **dict.fromkeys((*DRIVES, MovingKind.DRIVEN_DISTANCE), "it has actuators and no prescribed motion"),
     JointKind.DISTANCE: "a tendon holds its length softly",
     MovingKind.ROLLING: "its contacts are soft",

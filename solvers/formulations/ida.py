@@ -34,7 +34,7 @@ class Beginning(NamedTuple):
 
 Begin = Callable[[Layout, Problem], Beginning]  # at the problem's initial state and its time
 DENSE_BELOW = 40  # unknowns
-ROWS_EVERY = 20  # steps, at the rows kept
+ROWS_EVERY = 40  # steps, at the rows kept
 OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test and Newton test (IDA divides by it)
 FAILURES = {
     -2: (Status.STEP_UNDERFLOW, "the demanded accuracy is below rounding"),

@@ -77,7 +77,7 @@ def test_rows_are_changed_where_those_in_use_wear_out(solver, rotation):
         run = form.solve(make_solver(solver), problem, StepControl(rtol=rtol, cpu_limit=10.0))
         assert run.status is Status.SUCCESS
         errors.append(float(np.max(np.abs(run.states[-1].r - true.r))))
-    assert errors[1] < 2e-4 and errors[1] < 0.2 * errors[0]
+    assert errors[1] < 2e-4 and errors[1] < max(0.2 * errors[0], 100.0 * 1e-8)  # the first may pass near 0 by chance
 
 
 def test_index_3_passes_where_rows_wear_out():

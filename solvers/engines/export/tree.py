@@ -104,8 +104,8 @@ class Limb:
 
 
 @dataclass(frozen=True)
-class Coincidence:
-    """Point ``s_i`` of body i is at point ``s_j`` of body j or the ground."""
+class Points:
+    """Point ``s_i`` of body i, and point ``s_j`` of body j or the ground."""
 
     i: int
     s_i: Float[np.ndarray, " 3"]
@@ -114,13 +114,14 @@ class Coincidence:
 
 
 @dataclass(frozen=True)
-class Link:
-    """Point ``s_i`` of body i at ``length`` from point ``s_j`` of j, or where that is 0 on a line of j through it."""
+class Coincidence(Points):
+    """Points at the same place."""
 
-    i: int
-    s_i: Float[np.ndarray, " 3"]
-    j: int
-    s_j: Float[np.ndarray, " 3"]
+
+@dataclass(frozen=True)
+class Link(Points):
+    """Points at ``length`` from each other, or where that is 0 the first on a line of j through the second."""
+
     axis: Float[np.ndarray, " 3"]
     length: float
 
@@ -328,7 +329,12 @@ def _drive(system: MultibodySystem, tree: Tree, k: int) -> Drive:
 
 def _link(system: MultibodySystem, k: int) -> Link:
     axis, length = np.cross(*system.joint_n[k, :2]), float(system.joint_length[k])
-    return Link(int(system.joint_i[k]), system.joint_s_i[k], int(system.joint_j[k]), system.joint_s_j[k], axis, length)
+    return Link(*_ends(system, k), axis, length)
+
+
+def _ends(system: MultibodySystem, k: int) -> tuple[int, np.ndarray, int, np.ndarray]:
+    """The numbers of ``Points``, of joint ``k``."""
+    return int(system.joint_i[k]), system.joint_s_i[k], int(system.joint_j[k]), system.joint_s_j[k]
 
 
 def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray]:
@@ -348,8 +354,7 @@ def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray
 
 def _coincidences(system: MultibodySystem, start: State, cut: list[int], unit: States) -> tuple[Coincidence, ...]:
     """Points of the cut joints; second points on axes where they say more."""
-    out = [Coincidence(int(system.joint_i[k]), system.joint_s_i[k], int(system.joint_j[k]), system.joint_s_j[k])
-           for k in cut]  # fmt: skip
+    out = [Coincidence(*_ends(system, k)) for k in cut]
     R = np.concatenate((start.R, np.eye(3)[None]))
     known = rank(_gap_rates(unit, out))
     for k, first in zip(cut, tuple(out), strict=True):

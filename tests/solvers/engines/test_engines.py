@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.fuzz.drawing import draw_mechanism
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines import mujoco, pinocchio
+from mbsbench.solvers.engines.export import exudyn_rows
 from mbsbench.solvers.engines.export.model_check import differences
 
 from ..runs import error, orders, run
@@ -199,6 +201,37 @@ def test_rows_left_out_still_hold():
         assert np.max(np.abs(constraint(problem.system, t.states))) < 1e-3
         ends.append(t.states.r[-1])
     np.testing.assert_allclose(*ends, atol=1e-4)
+
+
+@needs("exudyn")
+@pytest.mark.parametrize(("number", "integrator"), [(7, "TrapezoidalIndex2"), (237, "GeneralizedAlpha")])
+def test_rows_that_wear_out_are_chosen_anew(number, integrator):
+    """With the rows of the start a joint opens by 1 m, or the iteration fails; all together keep their rank."""
+    drawn = draw_mechanism(1, number)
+    problem, solver, errors = drawn.problem(), make_solver("exudyn", {"integrator": integrator}), []
+    exact = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states.r[-1]
+    for dt in (drawn.dt, 0.5 * drawn.dt):
+        t = solver.solve(problem, StepControl(dt=dt))
+        assert t.status is Status.SUCCESS and t.notes[2].startswith("rows chosen anew at t = "), (t.message, t.notes)
+        assert np.max(np.abs(constraint(problem.system, t.states))) < 1e-3
+        errors.append(np.max(np.abs(t.states.r[-1] - exact)))
+    assert errors[0] < 1e-2 and errors[1] < 0.35 * errors[0]
+
+
+@needs("exudyn")
+def test_a_joint_that_opens_ends_the_run_in_words(monkeypatch):
+    """Where no other rows are found; until then all joints hold."""
+    choose, chosen, problem = exudyn_rows._most_independent, [], draw_mechanism(1, 7).problem()
+
+    def choose_once(*of):
+        chosen.append(choose(*of))
+        return chosen[0]
+
+    monkeypatch.setattr(exudyn_rows, "_most_independent", choose_once)
+    t = make_solver("exudyn").solve(problem, StepControl(dt=0.01))
+    assert t.status is Status.DIVERGED and 0.1 < t.t[-1] < 0.9
+    assert t.message.endswith(module_of("exudyn").WITHIN)
+    assert np.max(np.abs(constraint(problem.system, t.states))) < 1e-2
 
 
 @needs("exudyn")

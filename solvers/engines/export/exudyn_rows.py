@@ -1,0 +1,123 @@
+"""Which rows Exudyn is given where some are redundant, in the frames in which it states them, and when they wear out.
+
+Rows that are independent at the start may become dependent later where all rows together do not: a code that passes
+such a place goes on with a joint open. Watched is the least singular value of the rows kept, scaled to length one, for
+velocities in m/s. Below half of its value at the choice the most independent rows are searched for, and taken if they
+are twice as independent; so they are where a joint has opened. The motion goes on from the look before.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sl
+from jaxtyping import Bool, Float
+
+from ....harness.mechanics.ends import with_ground
+from ....harness.mechanics.joints import JointKind
+from ....harness.mechanics.joints.frames import normals_of
+from ....harness.mechanics.motion import constraint, row_parts
+from ....harness.mechanics.state import State, States
+from ....harness.mechanics.system import MultibodySystem
+from ...formulations.rank import BETTER
+
+PIVOT = 1e-9  # of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
+WORN = 0.5  # of the least singular value at the choice, at which other rows are searched for
+OPEN, TIMES = 1e-2, 10.0  # gap of a row left out, of the longest arm beyond that many times the largest of those kept
+TURN = 0.1  # [rad] of the fastest body between two looks; a look costs some 70 us, of small systems a step
+LARGEST = 100  # rows of the system that are watched: singular values of more cost as much as many steps
+
+
+@dataclass(frozen=True)
+class Worn:
+    """The last of some states at which the rows kept are sound, -1 for the one before them, and better rows."""
+
+    last: int
+    better: Bool[np.ndarray, " nrows"] | None  # None: there are none that are independent at both looks
+
+
+class KeptRows:
+    """Rows kept from ``start`` on: those given, or a maximal set of independent ones."""
+
+    def __init__(self, system: MultibodySystem, start: State, kept: Bool[np.ndarray, " nrows"] | None = None) -> None:
+        self._system = system
+        partial = np.flatnonzero((system.joint_points == 3) & (system.joint_axes > 0))
+        self._frames = {int(k): joint_frames(system, start, int(k))[1] for k in partial}
+        self._latest = self._rows(States.one(start))[0][0]
+        self.kept = _most_independent(self._latest) if kept is None else kept
+        self._watched = not np.all(self.kept) and system.nrows <= LARGEST
+        self._first = _least(self._latest[self.kept]) if self._watched else 0.0
+        self._limit, self._way = WORN * self._first, 0.0
+        self._arm = float(max(np.max(np.abs(system.joint_s_i), initial=0.0), np.max(system.gyration)))
+
+    def look(self, s: States, dt: float) -> Worn | None:
+        """Where further states, ``dt`` apart, need other rows, if they do; the last state is always looked at."""
+        if not self._watched or not len(s.r):
+            return None
+        rate = np.linalg.norm(s.Omega, axis=2) + np.linalg.norm(s.v, axis=2) / self._arm
+        way = np.cumsum(np.append(self._way, np.max(rate, axis=1) * dt))
+        self._way = float(way[-1])
+        looks = np.union1d(np.flatnonzero(np.diff(np.floor(way / TURN)) > 0.0), len(s.r) - 1)
+        last, number = -1, int(np.sum(self.kept))
+        for at, A, gap in zip(
+            looks, *self._rows(States(s.r[looks], s.R[looks], s.v[looks], s.Omega[looks])), strict=True
+        ):
+            least = _least(A[self.kept])
+            opened = np.max(gap[~self.kept]) > TIMES * np.max(gap[self.kept]) + OPEN * self._arm
+            if opened or least < self._limit:
+                best = _most_independent(A, number)
+                if opened or _least(A[best]) > BETTER * least:
+                    both = _least(self._latest[best]) > WORN * _least(self._latest[self.kept])
+                    return Worn(last, best if both and np.any(best != self.kept) else None)
+                self._limit = WORN * least
+            else:
+                self._limit = min(WORN * self._first, max(WORN * least, self._limit))
+            last, self._latest = int(at), A
+        return None
+
+    def _rows(self, s: States) -> tuple[Float[np.ndarray, "nt nrows n"], Float[np.ndarray, "nt nrows"]]:
+        """A for (r_dot, gyration Omega), rows of length one, and gaps [m]; an incomplete point's along axes of j."""
+        system = self._system
+        six = np.zeros((len(s.r), system.nrows, system.nb, 6))
+        for body, row, translation, rotation in row_parts(system, s):
+            six[:, row, body, :3] += translation
+            six[:, row, body, 3:] += rotation / system.gyration[body, None]
+        A = np.append(six.reshape(len(s.r), system.nrows, 6 * system.nb), constraint(system, s)[..., None], axis=2)
+        R = with_ground(s.R, np.eye(3))
+        for k, in_j in self._frames.items():
+            point = slice(system.row_start[k], system.row_start[k] + 3)
+            A[:, point] = np.swapaxes(R[:, system.joint_j[k]] @ in_j, 1, 2) @ A[:, point]
+        length = np.linalg.norm(A[..., :-1], axis=2, keepdims=True)
+        A /= np.where(length > 0.0, length, 1.0)
+        return A[..., :-1], np.abs(A[..., -1])
+
+
+def joint_frames(
+    system: MultibodySystem, start: State, k: int
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
+    """Columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i.
+
+    With Exudyn's marker 0 on j its rows are ours: places along x and y of j, the axis in i normal to x or y of j.
+    """
+    R = np.concatenate((start.R, np.eye(3)[None]))
+    x, y = system.joint_n[k, :2]
+    if system.joint_kind(k) in (JointKind.UNIVERSAL, JointKind.NORMAL):
+        y = np.cross(R[system.joint_j[k]].T @ R[system.joint_i[k]] @ system.joint_u[k], x)
+    if system.joint_kind(k) == JointKind.ON_PLANE:
+        y = normals_of(x)[0]
+    in_j = np.column_stack((x, y, np.cross(x, y)))
+    return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
+
+
+def _most_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> Bool[np.ndarray, " nrows"]:
+    """The first ``number`` by pivots, or if that is negative all whose pivot is more than rounding."""
+    out = np.zeros(len(rows), dtype=bool)
+    if len(rows):
+        _, pivots, order = sl.qr(rows.T, mode="economic", pivoting=True)
+        size = np.abs(np.diag(pivots))
+        out[order[: int(np.sum(size > PIVOT * size[0])) if number < 0 else number]] = True
+    return out
+
+
+def _least(rows: Float[np.ndarray, "k n"]) -> float:
+    """The least singular value."""
+    return float(np.linalg.svd(rows, compute_uv=False)[-1])
