@@ -40,8 +40,8 @@ $(READY): requirements.lock pyproject.toml
 	mkdir -p $(VENV)/src && ln -sfn ../.. $(VENV)/src/mbsbench
 	@touch $@
 
-test: $(READY) ## run all tests but the slow ones
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 --dist worksteal -m "not slow" --benchmark-disable
+test: $(READY) ## run all tests but the slow ones and those of engines
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 --dist worksteal -m "not slow and not engine" --benchmark-disable
 
 test-shapes: $(READY) ## run tests of mechanics, metrics and problems with the shapes of arrays checked
 	SHAPES=1 $(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/harness/metrics tests/harness/reference \

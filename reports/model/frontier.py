@@ -108,12 +108,12 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
 
 def reach(runs: Sequence[Run], measure: Measure, target: float) -> Place | None:
     """Least CPU of one method's runs for ``target``."""
-    coarse_first = sorted(_timed(runs), key=lambda c: -c.step_or_tolerance)
+    coarse_first = sorted(_pick_timed(runs), key=lambda c: -c.step_or_tolerance)
     found = least([(measure.of(c), c.record.cpu_median_s) for c in coarse_first], target)
     return Place(coarse_first[found[2]], found[0], bound=found[1]) if found else None
 
 
-def _timed(runs: Sequence[Run]) -> list[Run]:
+def _pick_timed(runs: Sequence[Run]) -> list[Run]:
     return [c for c in runs if c.status in SOUND and c.record.cpu_median_s > 0.0]
 
 
@@ -150,7 +150,7 @@ def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str
     targets = [f.target for f in found]
     solvers = {}
     for name, runs in sorted(by_solver(variant.runs).items()):
-        points = sorted((c.record.cpu_median_s, e) for c in _timed(runs) if measure and (e := measure.of(c)) == e)
+        points = sorted((c.record.cpu_median_s, e) for c in _pick_timed(runs) if measure and (e := measure.of(c)) == e)
         reached = {f.target: p for f in found for p in f.places if p.run.record.solver == name}
         solvers[name] = {
             "cpu": [reached[t].cpu_s if t in reached else None for t in targets],

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mbsbench.cli.__main__ import main
 from tests.harness.ladder.forgeries.bundles import change_states
 
 PROGRAM = Path(__file__).resolve().parents[2] / "checker" / "check_bundle.py"
@@ -40,12 +41,10 @@ def bundles(tmp_path_factory):
     """A thinned and a lossless bundle of five short runs."""
     folder = tmp_path_factory.mktemp("checked")
     (folder / "suite.toml").write_text(SUITE)
-    command = Path(sys.executable).parent / "mbsbench"
-    run = ["run", folder / "suite.toml", "--out", folder / "results", "--lossless", "--jobs", "1"]
-    subprocess.run([command, *run], check=True, capture_output=True)
+    results = str(folder / "results")
+    assert main(["run", str(folder / "suite.toml"), "--out", results, "--lossless", "--jobs", "1"]) == 0
     for name, options in (("thin", []), ("lossless", ["--lossless"])):
-        bundle = ["bundle", folder / "results", "-o", folder / f"{name}.zip", *options]
-        subprocess.run([command, *bundle], check=True, capture_output=True)
+        assert main(["bundle", results, "-o", str(folder / f"{name}.zip"), *options]) == 0
     return {name: folder / f"{name}.zip" for name in ("thin", "lossless")}
 
 

@@ -87,7 +87,8 @@ def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
     assert {f["solver"] for f in read} == {"rk45_strong_form", "ida_index1"} and read[0]["meets"]
     assert main(["advise", "chain", "--error", "1e-3", "--from", str(tmp_path / "two")]) == 2
     capsys.readouterr()
-    assert main([*arguments, "--error", "1e-17"]) == 2
+    one = [*arguments[:4], *two[:2], "--jobs", "1"]
+    assert main([*one, "--error", "1e-17"]) == 2
     said = capsys.readouterr()
-    assert "the reference's own" in said.err and "[1/2]" in said.out
+    assert "the reference's own" in said.err and "[1/1]" in said.out
     assert tempfile.gettempdir() not in said.out + said.err  # the folder of the runs is gone by now

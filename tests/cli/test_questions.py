@@ -29,13 +29,12 @@ def test_every_question_is_answered_or_says_what_is_missing():
         assert "command" not in q or (q["answer"].count("{}") == 1 and q["figure"] and q["value"])
 
 
+def marks_of(question):
+    return [getattr(pytest.mark, mark) for mark, key in (("slow", "slow"), ("engine", "needs")) if question.get(key)]
+
+
 @pytest.mark.parametrize(
-    "question",
-    [
-        pytest.param(q, id=q["ask"], marks=[pytest.mark.slow] * q.get("slow", False))
-        for q in QUESTIONS
-        if "command" in q
-    ],
+    "question", [pytest.param(q, id=q["ask"], marks=marks_of(q)) for q in QUESTIONS if "command" in q]
 )
 def test_the_command_prints_the_number_of_its_answer(question, tmp_path):
     for engine in question.get("needs", []):

@@ -42,7 +42,7 @@ class Numbers:
         """The number of one run."""
         return self._found[_key(settings, test)]
 
-    def between(self, one: str, other: str, test: Test) -> float:
+    def of_pair(self, one: str, other: str, test: Test) -> float:
         """The number of two runs."""
         key = (*_key(one, test), other)
         if key not in self._between:

@@ -200,7 +200,7 @@ def _number(
         value = 0.0 if of_pair else numbers.of(own, test)
         if of_pair or test.compare:
             beside = (q.spec.settings_id for q in partners[own])
-            them = [numbers.between(own, q, test) if of_pair else numbers.of(q, test) for q in beside]
+            them = [numbers.of_pair(own, q, test) if of_pair else numbers.of(q, test) for q in beside]
             value = COMPARE[test.compare](value, them)
         values.append(value)
     return values[0] if test.combine in ("", NEAREST) else COMBINE[test.combine](values)

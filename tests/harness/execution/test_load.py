@@ -10,7 +10,7 @@ import pytest
 from .. import cheating
 from ..conftest import PLUGIN, run_in
 
-BUSY = 4  # processes a core that do nothing but work
+BUSY = 2  # processes a core that do nothing but work
 LONGEST = 120.0  # [s] after which they end by themselves
 SUITE = """
 [[runs]]
@@ -50,7 +50,7 @@ def ends(folder, jobs):
 
 
 def test_a_busy_machine_changes_no_status(tmp_path, busy):
-    """Each run gets a fifth of a core or less: what needs half of its CPU time ends well, however long it waits."""
+    """Each run gets a third of a core or less: what needs half of its CPU time ends well, however long it waits."""
     status = ends(tmp_path / "run", 2 * (os.cpu_count() or 1))
     assert status == {"cheats{}": "success", 'cheats{"where": "daemon"}': "success", "spins{}": "unfinished"}
 

@@ -10,6 +10,7 @@ from mbsbench.harness.results.environment import ROOT
 
 from .environments import import_engine
 
+pytestmark = pytest.mark.engine
 LINES = 24  # of a user's function
 TREES = ("free_fall", "spin_symmetric", "spin_asymmetric", "pendulum", "ball_pendulum")
 LOOPS = ("four_bar", "four_bar_turned")
