@@ -16,11 +16,11 @@ from .flow import ROUGH, TOLERANCE, flow, tangents
 
 CLOSED = 1e-10  # [m] in the metric, of the largest gap
 TANGENTS = 4  # directions, along which they cost about as much as a correction
-ASTRAY = 128  # steps of a segment, that of a sound motion taking 24: one that takes more is not near the given one
+ASTRAY = 64  # steps of a segment, that of a sound motion taking 24: one that takes more is not near the given one
 PROJECTIONS = 4
 LEAST_DAMPING = 1 / 64
 MOST_ITERATIONS = 20
-MOST_TANGENTS = 10  # of a closing; generalised alpha on the chain over 20 s takes 8
+MOST_TANGENTS = 10  # of a closing; generalised alpha on the chain over 20 s takes 9
 MOST_APPROACHES = 6  # a motion that is true and near bounds the distance of the nearest, at whatever step it ends
 NEAREST = 1e-1  # of the distance: a step whose square counts no more
 SETTLED = 1e-3  # of the distance: what a step must win at least
