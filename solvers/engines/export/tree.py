@@ -18,7 +18,7 @@ order in which they were reached::
 A drive is no joint of its own: it makes the coordinate of a hinge or slide a function of time.
 
 A cut joint is points of two bodies that coincide: one for a spherical joint, and for a revolute joint a second one on
-the axis, left out where its rows depend on the others at the start.
+the axis, left out where its rows depend on the others at the start. A joint declared twice is held by the tree.
 """
 
 from collections.abc import Sequence
@@ -250,7 +250,7 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     bare = Tree(tuple(limbs), (), q, u)
     drives = tuple(_drive(system, bare, k) for k in range(system.nj) if system.joint_kind(k) in DRIVES)
     links = tuple(_link(system, k) for k in range(system.nj) if system.joint_kind(k) in LINKS)
-    return Tree(bare.limbs, _coincidences(system, start, cut, bare._unit_motions()), q, u, drives, links)
+    return Tree(bare.limbs, _coincidences(system, start, cut, bare), q, u, drives, links)
 
 
 def _breadth_first(system: MultibodySystem) -> tuple[dict[int, tuple[int, int]], dict[int, list[int]]]:
@@ -352,18 +352,21 @@ def _start_coordinates(limb: Limb, start: State) -> tuple[np.ndarray, np.ndarray
     return np.zeros(len(u)), np.array(u)
 
 
-def _coincidences(system: MultibodySystem, start: State, cut: list[int], unit: States) -> tuple[Coincidence, ...]:
-    """Points of the cut joints; second points on axes where they say more."""
-    out = [Coincidence(*_ends(system, k)) for k in cut]
+def _coincidences(system: MultibodySystem, start: State, cut: list[int], tree: Tree) -> tuple[Coincidence, ...]:
+    """Points of the cut joints, but of a joint declared twice; second points on axes where they say more."""
+    unit, out, axes = tree._unit_motions(), list[Coincidence](), list[Coincidence]()
+    joined = [{limb.body, limb.parent} for limb in tree.limbs if limb.kind in (Kind.HINGE, Kind.BALL)]
     R = np.concatenate((start.R, np.eye(3)[None]))
+    for k in cut:
+        first, u = Coincidence(*_ends(system, k)), system.joint_u[k]
+        arm = max(float(np.linalg.norm(first.s_i)), float(np.linalg.norm(first.s_j))) or 1.0
+        u_j = R[first.j].T @ R[first.i] @ u
+        second = Coincidence(first.i, first.s_i + arm * u, first.j, first.s_j + arm * u_j)
+        for to, point in ((out, first), (axes, second))[: 1 + bool(system.joint_revolute[k])]:
+            if {first.i, first.j} not in joined or np.max(np.abs(_gap_rates(unit, [point]))) > PARALLEL * arm:
+                to.append(point)
     known = rank(_gap_rates(unit, out))
-    for k, first in zip(cut, tuple(out), strict=True):
-        if not system.joint_revolute[k]:
-            continue
-        in_i = system.joint_u[k]
-        in_j = R[first.j].T @ R[first.i] @ in_i
-        along = max(float(np.linalg.norm(first.s_i)), float(np.linalg.norm(first.s_j))) or 1.0
-        second = Coincidence(first.i, first.s_i + along * in_i, first.j, first.s_j + along * in_j)
+    for second in axes:
         more = rank(_gap_rates(unit, [*out, second]))
         if more > known:
             known = more

@@ -12,7 +12,7 @@ import pybullet as bullet
 
 from .turning import matrices, quaternion
 
-GROUND = -1
+GROUND, FIRST = -1, 0  # bodies; servers
 UNLIMITED = 1e12
 PROBE = 1e-3  # [s] of the step that measures forces: velocities after it are u + PROBE M^-1 f
 
@@ -22,7 +22,7 @@ class Model:
 
     def __init__(self, data: dict[str, Any]) -> None:
         self._data, self._default, self.stopped = data, data["options"]["settings"] == "default", ""
-        self._server, self._ground = -1, (-1, -1)
+        self._ground = (-1, -1)
         self._start, self._velocity = np.array(data["start"]), np.array(data["start_velocity"])
         self._found = self._measure()
         self._build(cuts=True, default=self._default)
@@ -79,8 +79,8 @@ class Model:
         return np.linalg.inv(np.array(columns).T)
 
     def _build(self, *, cuts: bool, default: bool) -> None:
-        if self._server >= 0:
-            bullet.disconnect(self._server)
+        if bullet.isConnected(FIRST):  # of the model before, too: one takes 118 MB
+            bullet.disconnect(FIRST)
         self._server = server = bullet.connect(bullet.DIRECT)
         bullet.setGravity(*self._data["gravity"], physicsClientId=server)
         self._at: dict[int, tuple[int, int]] = {}  # (multibody, link) by body

@@ -3,6 +3,7 @@
 import importlib.util
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -166,3 +167,16 @@ def test_unequal_relaxations_move_another_body():
             errors[bool(options), dt] = np.max(np.abs(t.states.r - p.reference().states(t.t).r))
     assert errors[False, 2e-3] < 0.6 * errors[False, 4e-3]
     assert errors[True, 2e-3] > 0.9 * errors[True, 4e-3]
+
+
+@needs("pybullet")
+def test_a_model_of_bullet_that_is_replaced_is_freed():
+    """A server takes 118 MB."""
+    problem, solver, used = make_problem(*PENDULUM), make_solver("pybullet"), []
+    for models in (2, 10):
+        for _ in range(models):
+            assert solver.refuses(problem, CONTROL) is None
+        one = process.process_of("pybullet", process.environment_of("pybullet"))
+        lines = Path(f"/proc/{one._child.pid}/status").read_text().splitlines()
+        used.append(int(next(line for line in lines if line.startswith("VmData")).split()[1]))
+    assert used[1] - used[0] < 100_000  # kB

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import scipy.linalg as sl
 
+from mbsbench import Joint, RigidBody, State, assemble
+from mbsbench.harness.fuzz.drawing import draw_mechanism
 from mbsbench.harness.mechanics.motion import (
     applied_loads,
     constraint,
@@ -15,7 +17,9 @@ from mbsbench.harness.mechanics.motion import (
     potential_energy,
     spring_line,
 )
+from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.harness.mechanics.torsion import torsion
 from mbsbench.solvers.engines.export.model_check import EngineModel, differences, model_refusal
 from mbsbench.solvers.engines.export.tree import Kind, Tree, spanning_tree
@@ -173,3 +177,19 @@ def test_springs_at_rest_are_measured_by_what_cancels_in_them(name, kind):
     assert differences(problem, off)["forces at rest"] < 1e-12
     wrong = replace(model, rest_forces=model.rest_forces + 1e-6 * largest)
     assert differences(problem, wrong)["forces at rest"] > 1e-8
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_a_joint_declared_twice_is_held_by_the_tree_alone(joint):
+    """The rows of its points would be rounding, of which an engine makes a force."""
+    problem = draw_mechanism(1, 8).problem()  # two hinges in a row and a ball joint, nothing closes a loop
+    twice = Presentation(duplicate=joint).system(problem.system)
+    assert twice.nj == problem.system.nj + 1 and not spanning_tree(twice, problem.initial).cuts
+
+
+def test_a_second_hinge_on_another_axis_is_held():
+    """It welds the body: a point on that axis says what the tree does not."""
+    body, at = RigidBody(1.0, 0.1 * np.eye(3)), (0.5, 0.0, 0.0)
+    hinges = [Joint(0, at, GROUND, at, axis, axis) for axis in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))]
+    tree = spanning_tree(assemble([body], hinges), State(*np.zeros((1, 1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3))))
+    assert len(tree.cuts) == 1 and np.linalg.matrix_rank(tree.loop_jacobian()) == 1
