@@ -329,7 +329,7 @@ class Report:  # what was compared in a bundle, and what disagrees; an exception
             series |= {"orientation_error": (at, turned, 1e4), "angular_velocity_error": (at, norm(dw).max(1), spin)}
             series |= {"motion_error": (at, apart if known or single else None, big), "reference_own_error": (at, sure, 1e-3 * big)}
             series["rate_error"] = at, rate if known or single else None, fast
-            tenth = np.maximum(np.searchsorted(at, at / 10, "right") - 1, min(1, len(at) - 1))
+            tenth = np.maximum(np.searchsorted(at, at / 10, "right") - 1, every and len(at) > 1)
             q = np.logical_and.accumulate(sure < np.where(sure <= 100 * sure[tenth], 1e-3, 1e-9) * length).sum()
             test("judged_to_s", at[:q].max(initial=0), 0, every)
             if q > 1 and rate[:q].max() > 0.01 * speed:

@@ -43,7 +43,7 @@ def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndar
             chosen |= here
             exact |= there
             room -= cost
-            between |= name == BETWEEN
+            between |= name == BETWEEN and bool(at < t[-1])  # the last step but one may not be in the series
     return chosen, exact, between
 
 
