@@ -22,7 +22,7 @@ from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.files import FileError
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.results.series import write_series
+from mbsbench.harness.results.series import read_series, write_series
 from mbsbench.harness.suites.spec import make_spec
 
 RUNS = (
@@ -169,6 +169,15 @@ def test_thinned_states_are_those_of_the_maxima_that_decide_as_far_as_they_fit(r
         assert all(peaks[name] in exact for name in ERRORS if name in peaks and name not in missing)
         left_out += len(missing)
     assert left_out
+
+
+def test_an_error_at_the_last_step_claims_no_pair_of_steps(results):
+    """A series that is thinned has the last step without the one before it."""
+    series = read_series(next((results / "series").glob("*.npz")))
+    t = series["state_t"]
+    for at, both in ((0.5 * (t[1] + t[2]), True), (t[-1], False)):
+        moved = dataclasses.replace(series, peaks={selection.BETWEEN: float(at)})
+        assert selection.select_states(moved)[2] is both
 
 
 def test_the_page_lists_every_file_and_array(made):
