@@ -102,8 +102,7 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
             missed.append(solver)
     best.sort(key=lambda r: r.cpu_s)
     places = tuple(replace(r, factor=r.cpu_s / best[0].cpu_s) for r in best)
-    parts = places, tuple(missed), tuple(refused)
-    return Frontier(variant.title, measure.what, measure.unit, target, *parts, measure.own)
+    return Frontier(variant.title, measure.what, measure.unit, target, places, (*missed,), (*refused,), measure.own)
 
 
 def reach(runs: Sequence[Run], measure: Measure, target: float) -> Place | None:

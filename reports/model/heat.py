@@ -103,9 +103,8 @@ class Heat:
         """Who stays within all limits, of those that ran every problem to their own end; of all where none did."""
         complete = [row for row in self.rows if row.counted == len(self.problems)] or self.rows
         whole = sum(row.succeeded == len(self.problems) for row in complete)
-        apart = len({v.problem for v in self.problems}) < len(self.problems)
-        name = f"all {len(self.problems)} problems{' (each set of parameters counted)' if apart else ''}"
-        name = self.problems[0].title if len(self.problems) == 1 else name
+        apart = " (each set of parameters counted)" * (len({v.problem for v in self.problems}) < len(self.problems))
+        name = self.problems[0].title if len(self.problems) == 1 else f"all {len(self.problems)} problems{apart}"
         ran = "" if len(complete) == len(self.rows) else f" that ran {name}"
         stay = f"{'stays' if whole == 1 else 'stay'} within every limit"
         return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}{'' if ran else f' on {name}'}"
