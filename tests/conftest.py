@@ -12,7 +12,7 @@ import tests.shape_checks  # noqa: F401 - the hook looks it up by its name
 
 ROOT = Path(__file__).resolve().parents[1]
 SHAPED = ("cli", "harness", "problems", "solvers", "reports")
-COMPILED = ("user_forces", "methods", "compiled", "rows")  # what numba compiles takes no wrapper
+COMPILED = ("user_forces", "methods", "compiled", "passes", "rows")  # what numba compiles takes no wrapper
 EXTENDED = ("exact",)  # jaxtyping has no dtype of 64 bits of mantissa
 if os.environ.get("SHAPES") == "1":
     install_import_hook(
