@@ -100,7 +100,12 @@ def describe(problem: Problem, trajectory: Trajectory) -> dict[str, Any]:
             "start_m_s": float(np.max(np.linalg.norm(s.given.v[0] - s.true.v[0], axis=1))),
             "energy_shift_J": s.energy_shift,
         }  # fmt: skip
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in found.items()}
+    return without_nan(found)
+
+
+def without_nan(numbers: dict[str, Any]) -> dict[str, Any]:
+    """None where a number is not finite: JSON has no word for it."""
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in numbers.items()}
 
 
 def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
@@ -115,8 +120,9 @@ def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
         cloud = run_cloud(e, Code(solver, "", registry.make_solver(solver), control), range(starts), 1)
         rows = [c for c in compare_clouds(e, cloud, same, other) if c.quantity in (ALL_C, "energy")]
         out[solver] = {"starts": starts} | {
-            f"{c.quantity} {c.t_s:g}": {"excess": c.excess, "p": c.p_score, "bias": c.bias, "spread": c.spread,
-                                        "error": c.error, "missing": c.missing} for c in rows
+            f"{c.quantity} {c.t_s:g}": without_nan({"excess": c.excess, "p": c.p_score, "bias": c.bias,
+                                                    "spread": c.spread, "error": c.error, "missing": c.missing})
+            for c in rows
         }  # fmt: skip
         keep("ensembles", out)
     return out
@@ -133,7 +139,7 @@ def keep(part: str, rows: dict[str, Any]) -> None:
         fcntl.flock(file, fcntl.LOCK_EX)
         plain = read()
         plain[part] = dict(sorted((plain.get(part, {}) | rows).items()))
-        DATA.write_text(json.dumps(plain, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        DATA.write_text(json.dumps(plain, indent=1, sort_keys=True, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def table() -> str:
@@ -152,7 +158,7 @@ def table() -> str:
             *(number(r["error_m"].get(f"{t:g}")) for t in (EARLY, LATE)), number(s.get("until_s")),
             *(number(s.get(k), 1e3) for k in ("rms_m", "largest_m", "start_m")),
             number(s.get("gap_m") if s.get("until_s") else None, digits=1), number(s.get("cpu_s")),
-            number(r["modified_energy"], digits=1), number(cloud.get("starts"), digits=4),
+            number(r["modified_energy"], digits=1), scored_starts(cloud),
             *(signed(cloud.get(k), part) for k, part in ((f"{ALL_C} 2", "excess"), ("energy 20", "bias"))),
         ]  # fmt: skip
         rows.append(f"| {' | '.join(cells[: len(heads)])} |")
@@ -199,9 +205,15 @@ def number(value: float | None, scale: float = 1.0, digits: int = 2) -> str:
     return "–" if value is None else f"{scale * value:.{digits}g}"
 
 
+def scored_starts(cloud: dict[str, Any]) -> str:
+    """How many, and how many of them did not reach the end."""
+    missing = max((score["missing"] for score in cloud.values() if isinstance(score, dict)), default=0)
+    return number(cloud.get("starts"), digits=4) + (f", {missing} missing" if missing else "")
+
+
 def signed(score: dict[str, Any] | None, part: str) -> str:
     """In bold where chance alone gives so much in one of 100 cases."""
-    if score is None or score[part] is None or math.isnan(score[part]):
+    if score is None or score[part] is None:
         return "–"
     return f"**{score[part]:.2g}**" if score["p"] < SURE else f"{score[part]:.2g}"
 

@@ -31,3 +31,14 @@ def test_gaps_are_closed_where_a_shadow_is_said_to_exist():
     assert all(
         s["gap_m"] < GAP and 0.0 <= s["start_m"] <= s["largest_m"] and s["rms_m"] < s["largest_m"] for s in found
     )
+
+
+def test_published_data_are_json():
+    """NaN is a word of Python's json alone; whatever else reads the file refuses the whole of it."""
+    for file in sorted((ROOT / "results" / "published").rglob("*.json")):
+        json.loads(file.read_text(encoding="utf-8"), parse_constant=lambda word, file=file: refuse(file, word))
+
+
+def refuse(file, word):
+    """A word that is none of JSON's."""
+    raise AssertionError(f"{file}: {word} is no number of JSON")
