@@ -7,13 +7,13 @@ becomes A M^-1 A^T + 1/alpha; here 1/alpha is ``regularisation`` times its diago
 share the reaction. The projections take energy away. Stiff springs: as in ``generalized_alpha``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method
+from .formulations.compiled.host import ClosedMarch, Method, code_option
 from .formulations.methods.alpha import alpha_steps
 
 
@@ -28,7 +28,9 @@ class AlIndex3(ClosedMarch):
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
+    code: str = code_option()
     order: ClassVar[float] = 2.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        return alpha_steps(problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True)
+        method = alpha_steps(problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True)
+        return replace(method, code=self.code)

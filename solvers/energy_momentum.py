@@ -14,7 +14,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import Marched, Method
+from .formulations.compiled.host import Marched, Method, code_option
 from .formulations.methods.energy_momentum import mean_value_steps
 from .formulations.refusals import without_gradient
 
@@ -27,11 +27,12 @@ class EnergyMomentum(Marched):
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
+    code: str = code_option("kernel", "mechanism")
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Moving rows and torsional springs; redundant rows are dropped as they appear."""
-        return without_gradient(problem.system)
+        """Moving rows and torsional springs, and mechanisms of which no code is made, where it is asked for."""
+        return without_gradient(problem.system) or super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        return mean_value_steps(problem, self.tolerance)
+        return mean_value_steps(problem, self.tolerance, self.code)

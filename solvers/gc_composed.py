@@ -13,7 +13,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.mechanics.system import MultibodySystem
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate
+from .formulations.compiled.host import code_option, integrate
 from .formulations.methods.choices import CHOICES
 from .formulations.methods.compositions import COMPOSITIONS, RATE
 from .formulations.methods.gc_composed import composed_steps
@@ -35,6 +35,7 @@ class GcComposed:
     rate: float = option(0.0, RATE, "rad/s", at_least=0.0)
     direction: str = option("a", "c_R of Eq. (31), as in gc_weak_form", choices=CHOICES)
     tolerance: float = option(1e-12, "tolerance of test (80) in each sub-step", "sqrt(J)", above=0.0)
+    code: str = code_option("kernel", "mechanism")
 
     name: ClassVar[str]
     control: ClassVar[str] = "dt"
@@ -50,8 +51,8 @@ class GcComposed:
         return f"ODE-GC (composed, order {self.order:g})"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Other forces than gravity, other joints than pins, and a direction that the joints do not have."""
-        return refusal(problem.system) or self._step.refuses_direction(problem)
+        """Other forces than gravity, other joints than pins, a direction that the joints do not have, too much code."""
+        return refusal(problem.system) or self._step.refuses_direction(problem) or self._step.refuses_code(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
@@ -60,7 +61,7 @@ class GcComposed:
 
     @property
     def _step(self) -> GcWeakForm:
-        return GcWeakForm(direction=self.direction, tolerance=self.tolerance)
+        return GcWeakForm(direction=self.direction, tolerance=self.tolerance, code=self.code)
 
 
 def refusal(system: MultibodySystem) -> str | None:

@@ -11,7 +11,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate
+from .formulations.compiled.host import code_option, integrate
 from .formulations.methods.choices import CHOICES
 from .formulations.methods.gc_extrapolated import extrapolated_steps
 from .gc_composed import refusal
@@ -26,6 +26,7 @@ class GcExtrapolated:
     columns: int = option(3, "K: runs of 1 to K steps are combined to order 2 K", "", at_least=2, at_most=5)
     direction: str = option("a", "c_R of Eq. (31), as in gc_weak_form", choices=CHOICES)
     tolerance: float = option(1e-12, "tolerance of test (80) in each sub-step", "sqrt(J)", above=0.0)
+    code: str = code_option("kernel", "mechanism")
 
     name: ClassVar[str]
     control: ClassVar[str] = "rtol"
@@ -36,8 +37,8 @@ class GcExtrapolated:
         return f"ODE-GC (extrapolated, order {2 * self.columns})"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Other forces than gravity, other joints than pins, and a direction that the joints do not have."""
-        return refusal(problem.system) or self._step.refuses_direction(problem)
+        """Other forces than gravity, other joints than pins, a direction that the joints do not have, too much code."""
+        return refusal(problem.system) or self._step.refuses_direction(problem) or self._step.refuses_code(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with error control."""
@@ -47,4 +48,4 @@ class GcExtrapolated:
 
     @property
     def _step(self) -> GcWeakForm:
-        return GcWeakForm(direction=self.direction, tolerance=self.tolerance)
+        return GcWeakForm(direction=self.direction, tolerance=self.tolerance, code=self.code)

@@ -8,13 +8,13 @@ of zero. The iteration of a step has M, not springs and dampers, in its matrix: 
 period, or the iteration fails.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method
+from .formulations.compiled.host import ClosedMarch, Method, code_option
 from .formulations.methods.alpha import alpha_steps
 
 
@@ -30,6 +30,7 @@ class GeneralizedAlpha(ClosedMarch):
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
+    code: str = code_option()
     order: ClassVar[float] = 2.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
@@ -37,7 +38,8 @@ class GeneralizedAlpha(ClosedMarch):
         alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
-        return alpha_steps(
+        method = alpha_steps(
             problem, self.tolerance, alpha_m=alpha_m, alpha_f=alpha_f, beta=beta, gamma=gamma,
             stabilised=self.form == "stabilised",
         )  # fmt: skip
+        return replace(method, code=self.code)

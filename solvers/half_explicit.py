@@ -7,13 +7,13 @@ vectors of the step (Munthe-Kaas 1999). Each step's end is projected onto phi = 
 the stages are crossed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import Marched, Method
+from .formulations.compiled.host import Marched, Method, code_option
 from .formulations.methods.half_explicit import half_explicit_steps
 
 
@@ -25,8 +25,10 @@ class HalfExplicit(Marched):
     tolerance: float = option(
         1e-11, "tolerance on the last correction of a stage's velocities (m/s, rad/s)", "m/s", above=0.0
     )
+    code: str = code_option()
 
     order: ClassVar[float] = 4.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        return half_explicit_steps(self.tolerance)
+        method = half_explicit_steps(self.tolerance)
+        return replace(method, code=self.code)

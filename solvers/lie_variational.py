@@ -6,13 +6,13 @@ ends of steps. In momentum form these are RATTLE's equations with another free b
 spatial momentum kept, phi and A v at rounding. Redundant rows get a multiplier of zero.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method
+from .formulations.compiled.host import ClosedMarch, Method, code_option
 from .formulations.methods.compositions import COMPOSITIONS
 from .formulations.methods.rattle import symplectic_steps
 
@@ -25,7 +25,9 @@ class LieVariational(ClosedMarch):
     tolerance: float = option(
         1e-13, "tolerance on phi in a step's iteration, at least 16 roundings (axis rows: no unit)", "m", above=0.0
     )
+    code: str = code_option()
     order: ClassVar[float] = 2.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        return symplectic_steps(problem, COMPOSITIONS["plain"][0], self.tolerance, discrete=True)
+        method = symplectic_steps(problem, COMPOSITIONS["plain"][0], self.tolerance, discrete=True)
+        return replace(method, code=self.code)

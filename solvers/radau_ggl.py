@@ -13,7 +13,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method
+from .formulations.compiled.host import ClosedMarch, Method, code_option
 from .formulations.methods.radau import radau_steps
 
 
@@ -22,8 +22,10 @@ from .formulations.methods.radau import radau_steps
 class RadauGgl(ClosedMarch):
     """Radau IIA of order 5 on the rotation group, stabilised index 2, error control."""
 
+    code: str = code_option("kernel", "mechanism")
+
     control: ClassVar[str] = "rtol"
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         assert control.rtol is not None  # the catalogue has seen to it
-        return radau_steps(problem.system, control.rtol)
+        return radau_steps(problem.system, control.rtol, self.code)

@@ -5,12 +5,12 @@ of every body (exact where two principal inertias are equal), half a kick, veloc
 time-reversible; phi and A v at rounding in every step. Compositions: Suzuki (1990), Kahan and Li (1997).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method
+from .formulations.compiled.host import ClosedMarch, Method, code_option
 from .formulations.methods.compositions import COMPOSITIONS, RATE
 from .formulations.methods.rattle import symplectic_steps
 
@@ -27,6 +27,7 @@ class Rattle(ClosedMarch):
     tolerance: float = option(
         1e-13, "tolerance on phi in a step's iteration, at least 16 roundings (axis rows: no unit)", "m", above=0.0
     )
+    code: str = code_option()
 
     @property
     def order(self) -> float:
@@ -34,4 +35,5 @@ class Rattle(ClosedMarch):
         return float(COMPOSITIONS[self.composition][1])
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        return symplectic_steps(problem, COMPOSITIONS[self.composition][0], self.tolerance, rate=self.rate)
+        method = symplectic_steps(problem, COMPOSITIONS[self.composition][0], self.tolerance, rate=self.rate)
+        return replace(method, code=self.code)

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ....harness.catalogue.options import option
 from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..refusals import without_phi
@@ -37,7 +38,7 @@ class Method:
     tells: tuple[str, ...] = ()  # diagnostics of each step: what ``told`` of its bundle holds
     explain: Callable[[Any, int], str] | None = None  # words for an outcome of the march
     relieve: Callable[[Problem, Any], Any] | None = None  # another marcher that takes turns with this method's
-    code: str = "kernel"  # or "mechanism", or "auto": whose entries ``accelerate`` and ``project`` are
+    code: str = "kernel"  # or "mechanism", or "auto": whose entries the kernel has
 
 
 UNTOLD = np.zeros(0)
@@ -54,16 +55,30 @@ def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]
     return rounding, (words,)
 
 
+def code_option(*choices: str) -> Any:
+    """The option ``code`` of a solver."""
+    words = {
+        "kernel": "the kernel's loops", "mechanism": "straight code made for the mechanism",
+        "auto": "that as soon as it pays, which is at once where it is kept on disk",
+    }  # fmt: skip
+    chosen = choices or tuple(words)
+    return option(
+        "kernel", f"machine code of rows, factors and projections: {', or '.join(words[c] for c in chosen)}",
+        choices=chosen,
+    )  # fmt: skip
+
+
 class Marched:
     """A solver whose method marches here. Redundant rows are dropped as they appear."""
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
+    code: str = "kernel"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Nothing."""
-        return None
+        """Mechanisms of which no code is made, where it is asked for."""
+        return mechanism.refusal(problem.system, empty_kernel(problem.system)) if self.code == "mechanism" else None
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         raise NotImplementedError
@@ -77,8 +92,8 @@ class ClosedMarch(Marched):
     """One that solves for phi = 0 at the ends of steps."""
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi."""
-        return without_phi(problem.system)
+        """Rows without phi, and mechanisms of which no code is made, where it is asked for."""
+        return without_phi(problem.system) or super().refuses(problem, control)
 
 
 class Marcher:
@@ -91,7 +106,8 @@ class Marcher:
         )
         self.method, self.state, self._system = method, state, problem.system
         self.notes, self.making, self._may_change = list[str](), 0.0, False
-        kernel = self._choose_kernel(needed)
+        self._needed = frozenset(needed)
+        kernel = self._choose_kernel(self._needed)
         start_at(kernel, problem.initial)
         self.bundle = method.prepare(kernel, state)
         self._bind(kernel)
@@ -101,14 +117,14 @@ class Marcher:
         self.reaction = self.kernel.lam[self.kernel.order][None]
         self.stretch(0)  # compiles, or loads
 
-    def _choose_kernel(self, needed: set[str]) -> Kernel:
+    def _choose_kernel(self, needed: frozenset[str]) -> Kernel:
         if self.method.code == "kernel":
             return make_kernel(self._system, needed)
         empty = empty_kernel(self._system)
         if self.method.code == "mechanism":
             return self._use_code(empty)
         reason = mechanism.refusal(self._system, empty)
-        if reason is None and mechanism.is_made(self._system, empty):
+        if reason is None and mechanism.is_made(self._system, empty, needed):
             try:
                 return self._use_code(empty)
             except mechanism.NoCode as error:
@@ -118,7 +134,7 @@ class Marcher:
         return finish_kernel(self._system, empty, needed)
 
     def _use_code(self, kernel: Kernel) -> Kernel:
-        made = mechanism.use_code(self._system, kernel)
+        made = mechanism.use_code(self._system, kernel, self._needed)
         since = f" from t = {self.state['t']:g} s on" if self._may_change else ""
         self.notes.append(f"code of the mechanism{since}: {made.operations} operations an evaluation")
         return made.kernel
@@ -132,15 +148,24 @@ class Marcher:
         began = cpu_seconds()
         try:
             kernel = self._use_code(self.kernel)
+            for entry in ("rows", "factorise"):  # a method may have left them for the next step
+                if entry in self._needed:
+                    getattr(kernel, entry).run()
             self.bundle = self.bundle._replace(kernel=kernel)
             self._bind(kernel)
         except mechanism.NoCode as error:
             self.notes[-1] += f" ({error})"
         self._may_change, self.making = False, cpu_seconds() - began
 
+    @property
+    def _evaluations(self) -> int:
+        """As far as a method counts them: its factors and iterations, each with rows and a solution."""
+        c = self.state
+        return max(int(c["evaluations"]), int(c["factorisations"]) + int(c["iterations"]))
+
     def stretch(self, n: int) -> Record:
         """Up to ``n`` steps from where it stands; ``state`` says why it has ended."""
-        if self._may_change and self.state["evaluations"] > EVALUATIONS_THAT_PAY:
+        if self._may_change and self._evaluations > EVALUATIONS_THAT_PAY:
             self._change_code()
         record = empty_record(n, len(self.kernel.mass), len(self.kernel.lam), len(self._told))
         Bound(march, March(self.state, self.kernel, record, self._told, *(e.entry for e in self._entries)))()

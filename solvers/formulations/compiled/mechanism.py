@@ -4,6 +4,7 @@ Its size is bounded: code grows with the mechanism, leaves the caches, and takes
 """
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code, Program
 from ..generated.code import is_kept, print_functions
 from ..rows.kept_code import _text, _texts
-from .kernel import Kernel, parts_of
+from .kernel import Kernel, finish_kernel, parts_of
 
 MOST_OPERATIONS = 30_000
 FACTOR = Path(__file__).parents[1] / "joint_coordinates" / "elimination.py"
@@ -28,10 +29,23 @@ class NoCode(ValueError):
 
 
 class Coded(NamedTuple):
-    """A kernel with entries ``accelerate`` and ``project`` of code, and how many operations the former takes."""
+    """A kernel with entries of code, and how many operations an evaluation takes."""
 
     kernel: Kernel
     operations: int
+
+
+SPLIT_EVALUATION = "rows", "factorise", "solve"
+EVALUATION = {"": ("accelerate",), "iterate": ("iterate",), "split": SPLIT_EVALUATION, "mean": SPLIT_EVALUATION}
+FUSED = {"accelerate", "project"}  # one function each, in which rows are not handed over
+SPLIT = {  # entries, and the functions of ``rows.split_mechanism`` that are theirs
+    "rows": ("rows",), "factorise": ("factorise",), "solve": ("solve", "copy_rows"), "forces": ("forces",),
+    "applied_forces": ("applied_forces",), "react": ("react",), "push": ("push", "copy_bodies"),
+    "push_kept": ("push", "copy_bodies"), "keep_rows": ("copy_entries",), "slips": ("slips",),
+    "project_rates": ("project_rates", "copy_bodies"), "accelerate": ("rows", "factorise", "react"),
+    "reactions": ("rows", "react"),
+    "project": ("close_joints", "copy_poses", "rows", "project_rates", "copy_bodies"),
+}  # fmt: skip
 
 
 def refusal(system: MultibodySystem, k: Kernel) -> str | None:
@@ -42,13 +56,31 @@ def refusal(system: MultibodySystem, k: Kernel) -> str | None:
     return _too_large(least) if least > MOST_OPERATIONS else None
 
 
-def is_made(system: MultibodySystem, k: Kernel) -> bool:
-    """Whether the code of accelerations is on disk."""
-    return is_kept(_key(system, k, ""))
+def is_made(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> bool:
+    """Whether the code of these entries is on disk."""
+    step, choices = ("", {}) if FUSED.issuperset(needed) else ("split", {"names": _functions(needed)})
+    return is_kept(_key(system, k, step, choices))
 
 
-def use_code(system: MultibodySystem, k: Kernel) -> Coded:
-    """Made, or loaded; NoCode where none can be made."""
+def use_code(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> Coded:
+    """Made, or loaded; entries beside ``SPLIT`` are the kernel's. NoCode where none can be made."""
+    if FUSED.issuperset(needed):
+        return _use_fused(system, k)
+    entries, operations = _split_entries(system, k, needed, "split", [k.t, k.r, k.R, k.v], [k.phi, k.slip, k.gamma])
+    rest = finish_kernel(system, k, set(needed) - set(entries))
+    return Coded(rest._replace(**entries), operations)
+
+
+def use_mean_code(system: MultibodySystem, k: Kernel, h: np.ndarray, r0: np.ndarray, R0: np.ndarray) -> Kernel:
+    """A finished kernel whose rows, factor, products with A and solutions are those of mean rows (``means``) by code.
+
+    ``accelerate`` stays the kernel's, with rows and a factor of its own.
+    """
+    needed = "rows", "factorise", "solve", "push", "slips"
+    return k._replace(**_split_entries(system, k, needed, "mean", [h, r0, R0, k.r, k.R, k.v], [k.phi])[0])
+
+
+def _use_fused(system: MultibodySystem, k: Kernel) -> Coded:
     code, operations, (size,) = code_of_mechanism(system, k)
     factor, at = np.zeros(size), [k.t, k.r, k.R, k.v]
     moved = [np.zeros_like(x) for x in at[1:]]
@@ -60,18 +92,50 @@ def use_code(system: MultibodySystem, k: Kernel) -> Coded:
     return Coded(kernel, operations)
 
 
+def _split_entries(
+    system: MultibodySystem, k: Kernel, needed: Collection[str], step: str, given_rows: list[np.ndarray],
+    results: list[np.ndarray],
+) -> tuple[dict[str, Any], int]:  # fmt: skip
+    """Entries of those ``needed`` that ``SPLIT`` has, ``rows`` from ``given_rows`` to ``results``; operations."""
+    own = [name for name in SPLIT if name in needed]
+    code, operations, (count, size) = code_of_mechanism(system, k, step, names=_functions(needed))
+    A, A_kept, factor, poses = np.zeros(count), np.zeros(count), np.zeros(size), [k.t, k.r, k.R, k.v]
+    x, w, r, R = (np.zeros_like(a) for a in (k.x, k.w, k.r, k.R))  # results on their way to where they are read
+    shift = np.ndarray(1, buffer=k.state)
+    given: dict[str, list[np.ndarray]] = {
+        "rows": [*given_rows, A, *results], "factorise": [A, shift, factor],
+        "forces": [*poses, k.force], "applied_forces": [*poses, k.force],
+        "react": [*poses, A, k.gamma, factor, k.v_dot, k.lam], "close_joints": [k.r, k.R, A, k.phi, factor, r, R],
+        "copy_poses": [r, R, k.r, k.R], "project_rates": [A, k.slip, factor, k.v, w, k.rhs],
+        "slips": [A, k.slip, k.w, k.x], "solve": [factor, k.rhs, x], "copy_rows": [x, k.rhs],
+        "push": [A, k.x, k.w, w], "copy_entries": [A, A_kept], "copy_bodies": [w, k.w],
+    }  # fmt: skip
+    of_entry = {"push_kept": {"push": [A_kept, k.x, k.w, w]}}
+    of_entry |= {name: {"copy_bodies": [w, k.v]} for name in ("project", "project_rates")}
+    keeps = code, k, given, of_entry
+    entries: dict[str, Any] = {
+        name: Program([(code.address(f), of_entry.get(name, {}).get(f, given[f])) for f in SPLIT[name]], keeps)
+        for name in own
+    }
+    return entries, operations
+
+
+def _functions(needed: Collection[str]) -> tuple[str, ...]:
+    """Of ``rows.split_mechanism``, for entries; those of ``EVALUATION`` always."""
+    return tuple(sorted(set(SPLIT_EVALUATION).union(*(SPLIT[name] for name in needed if name in SPLIT))))
+
+
 def code_of_mechanism(
     system: MultibodySystem, k: Kernel, step: str = "", **choices: Any
 ) -> tuple[Code, int, list[int]]:
-    """Code of accelerations, or of a ``step`` of ``rows.simplified_step``; operations of its largest function; sizes.
+    """Code of accelerations, of a ``step`` of ``rows.simplified_step``, or "split"; operations of an evaluation; sizes.
 
     NoCode where none can be made.
     """
     reason = refusal(system, k)
     if reason:
         raise NoCode(reason)
-    asked = f"{step} {choices}" if step else ""
-    code, about = Code(lambda: _print(system, k, step, choices), _key(system, k, asked)), np.zeros(4)
+    code, about = Code(lambda: _print(system, k, step, choices), _key(system, k, step, choices)), np.zeros(4)
     code.function("about", 1)(about.ctypes.data)
     operations, *sizes = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
@@ -93,14 +157,15 @@ def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any
     from ..generated.functions import Straight, record_function
     from ..rows.mechanism import Mechanism, Part
     from ..rows.simplified_step import SimplifiedStep
+    from ..rows.split_mechanism import MeanMechanism, SplitMechanism
 
     parts = [
         Part(str(joints.KINDS[part.kind]), tuple(range(part.lo, part.hi)), part.joint, (int(i), int(j)), int(first))
         for part, (i, j), first in zip(parts_of(system)[1], k.body, k.row, strict=False)
     ]
-    made = (SimplifiedStep if step else Mechanism)(system, parts, _order(k))
-    functions, sizes = made.functions(**choices)
-    operations = len(record_function(functions[step or "accelerate"]).tape.operations)
+    kinds = {"": Mechanism, "iterate": SimplifiedStep, "split": SplitMechanism, "mean": MeanMechanism}
+    functions, sizes = kinds[step](system, parts, _order(k)).functions(**choices)
+    operations = sum(len(record_function(functions[name]).tape.operations) for name in EVALUATION[step])
     if operations > MOST_OPERATIONS:
         functions = {}
     about = ca.vertcat(operations, *sizes, *(0 for _ in range(3 - len(sizes))))
@@ -120,7 +185,7 @@ def _least_operations(k: Kernel) -> int:
     return int(factor + LEAST_OF_A_ROW * len(k.lam))
 
 
-def _key(system: MultibodySystem, k: Kernel, asked: str) -> str:
+def _key(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
     """A digest of all numbers of a system, of the kernel's order, and of what makes code of them."""
     makers = _texts(), _text((__file__, str(FACTOR)))
     digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()}".encode())
@@ -128,4 +193,4 @@ def _key(system: MultibodySystem, k: Kernel, asked: str) -> str:
         value = getattr(system, field.name)
         if isinstance(value, np.ndarray) and value.dtype != object:
             digest.update(f"{field.name} {value.shape} {value.dtype}".encode() + value.tobytes())
-    return f"mechanism {asked} {digest.hexdigest()}"
+    return f"mechanism {step} {choices} {digest.hexdigest()}"

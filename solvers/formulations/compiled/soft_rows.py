@@ -13,20 +13,24 @@ from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
 from .bundles import make_bundle
 from .kernel import Kernel, empty_kernel, finish_kernel
+from .mechanism import use_code
 
 ROW = list(joints.KINDS).index("driven distance")
 ARRAYS = ("t", "r", "R", "v", "force", "phi", "slip", "rhs", "x", "w")  # of ``Kernel``, one of each stage
 ENTRIES = ("rows", "factorise", "solve", "forces", "divide", "push", "slips")  # 0 where one is not needed
 
 
-def stack_kernels(system: MultibodySystem, n: int, needed: Collection[str]) -> tuple[Any, list[Kernel]]:
+def stack_kernels(
+    system: MultibodySystem, n: int, needed: Collection[str], code: str = "kernel"
+) -> tuple[Any, list[Kernel]]:
     """``n`` kernels of a system, stacked, and apart: these keep the entries alive."""
     one = empty_kernel(system)
     stacked: dict[str, Any] = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
     made = []
     for i in range(n):
         k = empty_kernel(system)._replace(**{name: a[i] for name, a in stacked.items()})
-        made.append(finish_kernel(system, k, needed))
+        whole = code == "mechanism"
+        made.append(use_code(system, k, needed).kernel if whole else finish_kernel(system, k, needed))
     words: dict[str, Any] = {name: np.array([int(getattr(k, name)) for k in made]) for name in ENTRIES}
     return make_bundle("Stages", {}, {}, **stacked, **words), made
 

@@ -13,6 +13,7 @@ from ....harness.mechanics.state import States
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.types import Problem, StepControl
 from ..compiled import mechanism
+from ..compiled.host import code_option
 from ..compiled.kernel import empty_kernel
 
 CHOICES = ("a", "mass", "translation")  # of c_R
@@ -125,10 +126,7 @@ class GaugeChoices:
         "extrapolated", "first estimate of a step, which the paper leaves open: extrapolated from the steps before, or "
         "the step's start", choices=("extrapolated", "start"),
     )  # fmt: skip
-    code: str = option(
-        "kernel", "machine code of the simplified method: loops over joints, or straight code made for the mechanism",
-        choices=("kernel", "mechanism"),
-    )  # fmt: skip
+    code: str = code_option("kernel", "mechanism")
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
     max_turn: float = option(
         0.0, "cut the step where a body would turn further in it; 0: no limit", "rad", at_least=0.0
@@ -195,9 +193,9 @@ class GaugeChoices:
                 f"dt = {control.dt:g} s needs {steps:.3g} steps to t = {problem.t_end:g} s, "
                 f"more than max_steps = {control.max_steps}"
             )
-        return self.refuses_direction(problem) or self._refuses_code(problem)
+        return self.refuses_direction(problem) or self.refuses_code(problem)
 
-    def _refuses_code(self, problem: Problem) -> str | None:
+    def refuses_code(self, problem: Problem) -> str | None:
         """Why no code can be made of the mechanism, where it is asked for, or None."""
         if self.code == "kernel":
             return None

@@ -27,6 +27,7 @@ from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from ..compiled.means import make_means
+from ..compiled.mechanism import use_mean_code
 from .iteration import FAILED, MOST_ITERATIONS, has_settled
 from .products import add_scaled, set_rates
 
@@ -37,16 +38,20 @@ ARRAYS = {
 }  # fmt: skip
 
 
-def mean_value_steps(problem: Problem, tolerance: float) -> Method:
+def mean_value_steps(problem: Problem, tolerance: float, code: str) -> Method:
     """The method, ``tolerance`` of phi and of the last correction of poses [m; without unit]."""
     tolerance, notes = tolerance_of(tolerance, problem)
-    of_system = partial(prepare, system=problem.system, tolerance=tolerance)
+    of_system = partial(prepare, system=problem.system, tolerance=tolerance, code=code)
+    notes += ("code of the mechanism",) if code == "mechanism" else ()
     return Method(of_system, step, finish, start, counters=("iterations", "factorisations"), notes=notes)
 
 
-def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Any:
+def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float, code: str) -> Any:
     """The bundle of a step, with mean-value entries."""
     means, scheme = make_means(system, kernel), make_record(tolerance=tolerance)
+    if code == "mechanism":
+        kernel = use_mean_code(system, kernel, means.h, means.r0, means.R0)
+        means = means._replace(mean_rows=kernel.rows)
     return make_step(kernel, control, arrays=ARRAYS, means=means, scheme=scheme)
 
 

@@ -11,7 +11,7 @@ from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .choices import Settings
-from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, take_step
+from .gc_step import NEEDED, accept_step, begin_march, begin_step, factor_again, make_step, take_step
 
 
 def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray, rate: float) -> Method:
@@ -20,7 +20,11 @@ def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray
     def prepare(kernel: Kernel, control: np.ndarray) -> Any:
         return make_bundle("Composed", {}, {}, step=make_step(system, kernel, control, choices), gamma=gamma)
 
-    return Method(prepare, step, finish, start, rate=rate, counters=("iterations", "factorisations"), needs=NEEDED)
+    counters = "iterations", "factorisations"
+    return Method(
+        prepare, step, finish, start, rate=rate, counters=counters, needs=() if choices.whole else NEEDED,
+        code="mechanism" if choices.whole else "kernel",
+    )  # fmt: skip
 
 
 def start(m):
@@ -45,3 +49,4 @@ def step(m):
 def finish(m):
     """Reactions of index 1, and the factor for the next step."""
     run(m.step.kernel.accelerate)
+    factor_again(m.step)

@@ -17,7 +17,7 @@ from ..compiled.entries import inner, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from .choices import Settings
-from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, restart, take_step
+from .gc_step import NEEDED, accept_step, begin_march, begin_step, factor_again, make_step, restart, take_step
 
 WIDEST = 2.5  # [rad] of a turn in one step: its logarithm is unique below pi
 NEAR, FORGET = 0.7, 1.05  # of a step that did not converge: how close the next ones come, and its growth a step
@@ -39,7 +39,10 @@ def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int)
         return make_bundle("Extrapolated", arrays, sizes, step=step, memory=memory)
 
     counters = ("rejected", "iterations", "factorisations")
-    return Method(prepare, step, finish, start, order=2.0 * columns - 1.0, counters=counters, needs=NEEDED)
+    return Method(
+        prepare, step, finish, start, order=2.0 * columns - 1.0, counters=counters,
+        needs=() if choices.whole else NEEDED, code="mechanism" if choices.whole else "kernel",
+    )  # fmt: skip
 
 
 def start(m):
@@ -68,8 +71,7 @@ def finish(m):
     run(k.accelerate)
     run(k.project)
     run(k.accelerate)
-    m.step.scheme.rank = k.state.rank
-    m.step.scheme.factored = 1
+    m.step.scheme.rank = factor_again(m.step)
     _remember(m)
     c.max_step = min(m.memory.max_step, max(0.5 * c.h, NEAR * m.memory.failed))
     m.memory.failed *= FORGET

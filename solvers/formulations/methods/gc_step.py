@@ -31,7 +31,7 @@ DEPTH, DEEP = 4, 7  # past steps from which the next one is estimated: by loops 
 MOST = 30  # iterations a step
 REFRESHES = 2  # factors of S in a step
 PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
-NEEDED = ("rows", "factorise", "solve")
+NEEDED = ("rows", "factorise", "solve")  # of loops; code has its own
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 
 ARRAYS = {  # suffix 0: the start of the step
@@ -111,9 +111,20 @@ def _with_code(system: MultibodySystem, s: Any, choices: Settings) -> Any:
 def begin_march(s):
     """Acceleration and multipliers of index 1 at the start stand for a step before the first."""
     run(s.kernel.accelerate)
-    s.scheme.rank = s.kernel.state.rank
+    run(s.factor)
+    s.scheme.rank = s.found[0]
     s.scheme.factored = 0
     restart(s, s.kernel.v_dot, s.kernel.lam)
+
+
+@inner
+def factor_again(s):
+    """After ``accelerate``, whose factor the next step takes, or code makes its own: the rank found."""
+    s.scheme.factored = 1
+    if s.scheme.whole:
+        run(s.factor)
+        return s.found[0]
+    return float(s.kernel.state.rank)
 
 
 @inner

@@ -50,16 +50,17 @@ ARRAYS = {  # the first axis is that of the stages
 }  # fmt: skip
 
 
-def radau_steps(system: MultibodySystem, rtol: float) -> Method:
+def radau_steps(system: MultibodySystem, rtol: float, code: str) -> Method:
     """The method; its iteration ends at 1e-10, or a thousandth of ``rtol`` if that is less: constraints hold."""
-    of_system = partial(prepare, system=system, tolerance=max(1e-13, min(1e-10, 1e-3 * rtol)))
+    of_system = partial(prepare, system=system, tolerance=max(1e-13, min(1e-10, 1e-3 * rtol)), code=code)
     counters = ("rejected", "iterations", "factorisations")
-    return Method(of_system, step, finish, start, order=4.0, counters=counters)
+    notes = ("code of the mechanism",) if code == "mechanism" else ()
+    return Method(of_system, step, finish, start, order=4.0, counters=counters, notes=notes)
 
 
-def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Any:
+def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float, code: str) -> Any:
     """The bundle of a step, with kernels of the stages, which have no spring-dampers; ``before`` is the last step."""
-    stages, made = stack_kernels(without_springs(system), 3, NEEDED)
+    stages, made = stack_kernels(without_springs(system), 3, NEEDED, code)
     springs = make_soft_rows(system, len(kernel.lam), A, made)
     scheme, inverse = make_record(tolerance=tolerance, before=0.0), np.linalg.inv(A).copy()
     return make_step(

@@ -10,18 +10,15 @@ point: that change is of the order of the error, O(h^(p+1)).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
-from ....harness.catalogue.options import option
 from ....harness.types import Problem, StepControl
-from ..compiled import mechanism
 from ..compiled.algebra import clear, close_rotations, copy, theta_dot, turned_by
 from ..compiled.bundles import make_step
 from ..compiled.entries import inner, run
-from ..compiled.host import Marched, Method
-from ..compiled.kernel import empty_kernel
+from ..compiled.host import Marched, Method, code_option
 from .tableaux import Tableau
 
 ARRAYS = {  # columns are r (3), theta (3), v (6)
@@ -35,30 +32,21 @@ ARRAYS = {  # columns are r (3), theta (3), v (6)
 class ExplicitPair(Marched):
     """A solver by an embedded pair."""
 
-    code: str = option(
-        "kernel",
-        "machine code of accelerations and projections: the kernel's loops, straight code made for the mechanism, or "
-        "that as soon as it pays, which is at once where it is kept on disk",
-        choices=("kernel", "mechanism", "auto"),
-    )
+    code: str = code_option()
 
     control: ClassVar[str] = "rtol"
     tableau: ClassVar[Tableau]
 
-    def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Mechanisms of which no code is made, where it is asked for."""
-        return mechanism.refusal(problem.system, empty_kernel(problem.system)) if self.code == "mechanism" else None
-
     def _method(self, problem: Problem, control: StepControl) -> Method:
-        return explicit_pair(self.tableau, self.code)
+        return replace(explicit_pair(self.tableau), code=self.code)
 
 
-def explicit_pair(tableau: Tableau, code: str = "kernel") -> Method:
+def explicit_pair(tableau: Tableau) -> Method:
     """The method of an embedded pair, first same as last."""
     t, arrays = tableau, ARRAYS | {"slopes": f"{len(tableau.b) + 1} nb 12"}
     return Method(
         partial(make_step, arrays=arrays, a=t.a, b=t.b, c=t.c, estimate=t.error), step, finish, start,
-        order=float(t.order), counters=("evaluations", "rejected", "factorisations"), code=code,
+        order=float(t.order), counters=("evaluations", "rejected", "factorisations"),
     )  # fmt: skip
 
 

@@ -6,10 +6,13 @@ gradient at the mean pose. Its torque T in space is taken at R_m, R_m^-1 T in th
 balance, too. R_m^-1 y = R_0^T y - (h/2) Omega_m x R_0^T y.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import casadi as ca
 
 from ..generated import Loop, Straight
-from .expressions import by_rows, column, matrix, push_of, row_expressions
+from .expressions import RowExpressions, by_rows, column, matrix, push_of, row_expressions
 from .numbers import force_size
 
 BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))  # of the start, of the end; v is the mean
@@ -18,30 +21,41 @@ BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))  # of 
 def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Straight]:
     """phi at the end; X and Y = X J^-1 of the mean rows on body i and, unless on the ground, on j; way where it varies.
 
-    Reads h; numbers; blocks of ``BODY`` of i, then of j. ValueError where phi is not quadratic or rows have none.
+    Reads h; numbers; blocks of ``BODY`` of i, then of j.
     """
-    e = row_expressions(kind, of)
+    e, h, (i, j) = row_expressions(kind, of), ca.SX.sym("h"), _bodies(ground)
+    phi, forces, X = mean_rows(e, e.numbers, h, (i, j))
+    X = X[: 1 if ground else 2]
+    Y = [x @ matrix(body[5]) for x, body in zip(X, (i, j), strict=False)]
+    way = [] if e.A[:, :3].is_constant() else [by_rows(forces)]
+    stored = [phi, *map(by_rows, X), *map(by_rows, Y), *way]
+    made = [ca.densify(ca.simplify(a)) for a in stored]
+    return {"rows": Loop(whole=[h], rows=[e.numbers], stored=made, blocks=[*i, *([] if ground else j)])}
+
+
+def mean_rows(
+    e: RowExpressions, numbers: Any, h: ca.SX, bodies: Sequence[Sequence[ca.SX]]
+) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """phi at the end, forces (n, 3) on body i, torques X (n, 3) on both ``bodies``, each as ``BODY`` has it.
+
+    ValueError where phi is not quadratic or rows have none.
+    """
     gradient = ca.jacobian(e.phi, e.x)
     if ca.depends_on(ca.vec(ca.jacobian(gradient, e.x)), e.x) or ca.depends_on(e.phi, e.t):
-        raise ValueError(f"a {kind} has no mean rows: its phi is not quadratic in the poses")
-    h, (i, j) = ca.SX.sym("h"), _bodies(ground)
-    x0, x1 = (ca.vertcat(*(b[at] for b in (i, j) for at in own)) for own in ((0, 1), (2, 3)))
+        raise ValueError("no mean rows: phi is not quadratic in the poses")
+    x0, x1 = (ca.vertcat(*(b[at] for b in bodies for at in own)) for own in ((0, 1), (2, 3)))
     free = ca.Function("free", [e.x, e.numbers], [e.phi, gradient])
-    phi, _ = free(x1, e.numbers)
-    _, P = free(0.5 * (x0 + x1), e.numbers)
-    X, Y = [], []
-    for k, body in enumerate((i, j)[: 1 if ground else 2]):
+    phi, _ = free(x1, numbers)
+    _, P = free(0.5 * (x0 + x1), numbers)
+    X = []
+    for k, body in enumerate(bodies):
         R = 0.5 * (matrix(body[1]) + matrix(body[3]))
         columns = [P[:, 12 * k + 3 + c : 12 * k + 12 : 3] for c in range(3)]  # d(phi)/d(c-th column of R)
         T = ca.vertcat(*[
             sum((ca.cross(R[:, c], columns[c][a, :].T) for c in range(3)), ca.SX.zeros(3)).T for a in range(P.shape[0])
         ])  # fmt: skip
         X.append(T @ _back(body, h).T)
-        Y.append(X[-1] @ matrix(body[5]))
-    way = [] if e.A[:, :3].is_constant() else [by_rows(P[:, :3])]
-    stored = [phi, *map(by_rows, X), *map(by_rows, Y), *way]
-    made = [ca.densify(ca.simplify(a)) for a in stored]
-    return {"rows": Loop(whole=[h], rows=[e.numbers], stored=made, blocks=[*i, *([] if ground else j)])}
+    return phi, P[:, :3], X
 
 
 def push(kind: str, ground: bool) -> dict[str, Loop | Straight]:

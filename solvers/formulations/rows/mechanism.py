@@ -50,11 +50,11 @@ class Row(NamedTuple):
 
 
 class RankedFactor(Factor):
-    """L and 1/D of S; 1/D is 0 where a row depends on those before it."""
+    """L and 1/D of S, its diagonal larger by ``shift`` times itself; 1/D is 0 where a row depends on those before."""
 
-    def __init__(self, S: Matrix, order: Sequence[int]) -> None:
+    def __init__(self, S: Matrix, order: Sequence[int], shift: Any = 0.0) -> None:
         self.diagonal = {k: S[k][k] for k in order}
-        super().__init__(S, order)
+        super().__init__({k: {**S[k], k: S[k][k] * (1.0 + shift)} for k in order}, order)
 
     def invert(self, k: int, pivot: Any) -> Any:
         """1/D of row ``k``."""
@@ -142,11 +142,13 @@ class Mechanism:
                 holding[b].append(k)
         return S
 
-    def _loads(self, at: State) -> list[ca.SX]:
+    def _loads(self, at: State, *, turning: bool = True) -> list[ca.SX]:
+        """Applied forces; ``turning``: less Omega x J Omega."""
         s, out = self.system, list[ca.SX]()
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
             J = ca.sparsify(ca.DM(_snap(s.regular_inertia[b])))
-            out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), -ca.cross(v[3:], J @ v[3:])))
+            gyroscopic = -ca.cross(v[3:], J @ v[3:]) if turning else ca.SX.zeros(3)
+            out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), gyroscopic))
         for kind, declared in forces.DECLARED.items():
             e = push_expressions(kind)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.load])

@@ -28,6 +28,7 @@ PROBLEMS = {  # t_end [s]; pins, springs and dampers, line rows, drives, rows of
     "torque_free_body": 0.3, "driven_slider_crank": 0.5, "stewart_platform": 0.2, "rolling_disc": 0.5, "bricard": 0.5,
 }  # fmt: skip
 PRESENTED = ({"yaw": 0.7}, {"mirror": "X"}, {"renumber": 3}, {"rotation": (0.3, -0.5, 0.7)})
+STEP = 1e-3  # [s]
 SAME = 1e-9  # [m] of step sizes that differ by rounding
 ROUNDING, DIFFERENCES = 1e-12, 1e-9  # the judge's A_dot v of moving rows is a difference
 
@@ -37,8 +38,9 @@ def coded(system: MultibodySystem) -> Kernel:
 
 
 def solve(problem: Problem, code: str, solver: str = "rkmk_dop853", rtol: float = 1e-9) -> Trajectory:
-    """A run that must succeed."""
-    out = make_solver(solver, {"code": code}).solve(problem, StepControl(rtol=rtol))
+    """A run that must succeed, with steps of ``STEP`` where they are fixed."""
+    one = make_solver(solver, {"code": code})
+    out = one.solve(problem, StepControl(rtol=rtol) if one.control == "rtol" else StepControl(dt=STEP))
     assert out.status is Status.SUCCESS, out.message
     return out
 
@@ -112,6 +114,80 @@ def test_pairs_of_lower_order_run_on_code() -> None:
     """The pair of Dormand and Prince has the same option."""
     problem = dataclasses.replace(make_problem("chain", {}), t_end=0.1)
     check_same(*(solve(problem, code, "rkmk_dopri5", 1e-6) for code in ("mechanism", "kernel")))
+
+
+def random_numbers(k: Kernel, s: State, seed: int) -> None:
+    """A kernel at a state, with numbers in all that its entries read beside the state."""
+    random = np.random.default_rng(seed)
+    start_at(k, s)
+    k.state["shift"] = 1e-4
+    for name in ("x", "w", "rhs", "lam"):
+        getattr(k, name)[:] = random.standard_normal(getattr(k, name).shape)
+
+
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+def test_each_entry_of_code_does_what_the_kernels_does(system: MultibodySystem) -> None:
+    """One after the other in an order in which methods call them, at a random state, velocities off the rows."""
+    s = consistent(system, 4)
+    s = State(s.r + 1e-3, s.R, s.v + 1e-2, s.Omega, s.t)
+    names = tuple(mechanism.SPLIT)
+    k = make_kernel(system, names)
+    c = mechanism.use_code(system, empty_kernel(system), names).kernel
+    order = ("rows", "factorise", "keep_rows", "push", "slips", "solve", "push_kept", "forces", "react",
+             "applied_forces", "project_rates", "project", "rows", "reactions", "accelerate", "push_kept")  # fmt: skip
+    for one in (k, c):
+        random_numbers(one, s, 5)
+    for name in order:
+        for one in (k, c):
+            getattr(one, name).run()
+        for array in ("r", "R", "v", "x", "w", "v_dot", "lam", "phi", "slip", "gamma"):
+            expected, found = getattr(k, array), getattr(c, array)
+            size = max(1.0, float(np.max(np.abs(expected), initial=0.0)))
+            assert np.max(np.abs(found - expected), initial=0.0) < ROUNDING * size, (name, array)
+        if name in ("solve", "project_rates"):  # else it is room for what an entry does on the way
+            assert np.max(np.abs(c.rhs - k.rhs)) < ROUNDING * max(1.0, float(np.max(np.abs(k.rhs))))
+        if "forces" in name:
+            assert np.max(np.abs(c.force - k.force)) < ROUNDING * max(1.0, float(np.max(np.abs(k.force))))
+
+
+FIXED = ("rattle", "lie_variational", "generalized_alpha", "energy_momentum", "half_explicit")
+RUNS = [
+    *((solver, name) for solver in (*FIXED, "al_index3") for name in ("heavy_top", "chain", "damped_linkage")),
+    *((solver, "bricard") for solver in FIXED),  # not by ``al_index3``, whose redundant rows share what 1e-7 decides
+    *(("radau_ggl", name) for name in ("heavy_top", "chain", "damped_linkage")),
+    *((solver, name) for solver in ("gc_composed", "gc_extrapolated") for name in ("heavy_top", "chain", "bricard")),
+    ("half_explicit", "rolling_disc"), ("rattle", "stewart_platform"), ("generalized_alpha", "driven_slider_crank"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("solver", "name"), RUNS)
+def test_every_compiled_solver_has_the_kernels_motion_by_code(solver: str, name: str) -> None:
+    """As many steps, the same end and reactions; what made the rows stands in the run."""
+    problem = dataclasses.replace(make_problem(name, {}), t_end=PROBLEMS[name])
+    new, old = (solve(problem, code, solver) for code in ("mechanism", "kernel"))
+    check_same(new, old)
+    assert any("code of the mechanism" in note for note in new.notes)
+    assert not any("code of the mechanism" in note for note in old.notes)
+
+
+def test_a_symplectic_run_changes_code_within_a_stretch_of_steps(monkeypatch, tmp_path) -> None:
+    """Rows and factor that the kernel has left for the next step are made anew by code."""
+    problem = dataclasses.replace(make_problem("chain", {"links": 6}), t_end=0.3)
+    monkeypatch.setattr(objects, "FOLDER", tmp_path)
+    monkeypatch.setattr(host, "STRETCH_BYTES", 1.0)
+    monkeypatch.setattr(host, "EVALUATIONS_THAT_PAY", 100)
+    for solver in ("rattle", "half_explicit", "generalized_alpha"):
+        changed = solve(problem, "auto", solver)
+        assert "code of the mechanism from t = " in changed.notes[1]
+        check_same(changed, solve(problem, "kernel", solver))
+
+
+@pytest.mark.parametrize("solver", ["rattle", "radau_ggl", "energy_momentum", "gc_composed", "gc_extrapolated"])
+def test_a_solver_refuses_code_that_would_be_too_large(solver: str) -> None:
+    """Before anything is made."""
+    one = make_solver(solver, {"code": "mechanism"})
+    reason = one.refuses(make_problem("four_bar_grid", {}), StepControl(dt=1e-3))
+    assert "30000 operations" in reason or "redundant" in reason
 
 
 def test_a_tilt_that_leaves_no_zeros_leaves_the_motion() -> None:

@@ -1,0 +1,136 @@
+"""Entries of a kernel for a whole mechanism, one function each: rows hand over those entries of A that vary.
+
+``Mechanism`` has one function for accelerations, in which nothing is handed over; methods that iterate with the factor
+of one pose and the rows of others need them apart.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+
+from ....harness.mechanics.system import GROUND
+from ..generated import Straight
+from .expressions import by_rows, row_expressions
+from .means import mean_rows
+from .mechanism import Mechanism, RankedFactor, Row, State, _column, _joint_numbers, _rate
+from .wrenches import distinct_entries
+
+
+class SplitMechanism(Mechanism):
+    """A system and its rows, by functions that share A (entries that vary) and ``factor``."""
+
+    def functions(self, *, names: Sequence[str]) -> tuple[dict[str, Straight], list[int]]:  # type: ignore[override]
+        """Those of ``names``, and how many entries of A vary and numbers the factor has; ``copy_*`` of their results.
+
+        ``rows`` (t, r, R, v) -> (A, phi, phi_t, gamma); ``factorise`` (A, shift) -> factor;
+        ``solve`` (factor, rhs) -> x; ``forces``, ``applied_forces`` (t, r, R, v) -> force;
+        ``react`` (t, r, R, v, A, gamma, factor) -> (v_dot, lam); ``push`` (A, x, w) -> w; ``slips`` (A, phi_t, w) -> x;
+        ``close_joints`` (r, R, A, phi, factor) -> (r, R); ``project_rates`` (A, phi_t, factor, v) -> (v, impulse).
+        """
+        nb, n, at = self.system.nb, len(self.order), self.state()
+        full = self._rows(at)
+        entries, fill = self._find_entries(full)
+        A, x, w, shift = (ca.SX.sym(*a) for a in (("A", entries.numel()), ("x", n), ("w", 6 * nb), ("shift", 1)))
+        phi, phi_t, gamma = (ca.SX.sym(name, n) for name in ("phi", "phi_t", "gamma"))
+        rows = {k: Row(a, phi[k], phi_t[k], gamma[k]) for k, a in fill(A).items()}
+        factor = RankedFactor(self._matrix(rows), self.order, shift)
+        numbers = factor.exchange_numbers()
+        kept = ca.SX.sym("factor", numbers.numel())
+        factor.exchange_numbers(kept)
+        poses, by_body = [at.t, at.r, at.R, at.v], ca.vertsplit(w, 6)
+
+        def listed(values: dict[int, Any]) -> ca.SX:
+            return _column([values[k] for k in range(n)])
+
+        def react() -> Straight:
+            free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
+            lam = factor.solve({k: -row.gamma - _rate(row, free) for k, row in rows.items()})
+            return Straight([*poses, A, gamma, kept], [ca.vertcat(*self._push(free, rows, lam)), listed(lam)])
+
+        def close_joints() -> Straight:
+            closed = self._close_joints(at, rows, factor)
+            return Straight([at.r, at.R, A, phi, kept], [closed.r, closed.R])
+
+        def project_rates() -> Straight:
+            impulse = factor.solve({k: -row.phi_t - _rate(row, by_body) for k, row in rows.items()})
+            return Straight([A, phi_t, kept, w], [ca.vertcat(*self._push(by_body, rows, impulse)), listed(impulse)])
+
+        def slips() -> Straight:
+            return Straight([A, phi_t, w], [listed({k: -row.phi_t - _rate(row, by_body) for k, row in rows.items()})])
+
+        def columns(name: str) -> ca.SX:
+            return listed({k: getattr(row, name) for k, row in full.items()})
+
+        makers: dict[str, Callable[[], Straight]] = {
+            "rows": lambda: Straight(self._inputs(at), [entries, *map(columns, self._results)]),
+            "factorise": lambda: Straight([A, shift], [numbers]),
+            "solve": lambda: Straight([kept, x], [listed(factor.solve({k: x[k] for k in range(n)}))]),
+            "forces": lambda: Straight(poses, [ca.vertcat(*self._loads(at))]),
+            "applied_forces": lambda: Straight(poses, [ca.vertcat(*self._loads(at, turning=False))]),
+            "react": react, "close_joints": close_joints, "project_rates": project_rates, "slips": slips,
+            "push": lambda: Straight(
+                [A, x, w], [ca.vertcat(*self._push(by_body, rows, {k: x[k] for k in range(n)}))]
+            ),
+            "copy_entries": lambda: Straight([A], [A]), "copy_rows": lambda: Straight([x], [x]),
+            "copy_bodies": lambda: Straight([w], [w]), "copy_poses": lambda: Straight([at.r, at.R], [at.r, at.R]),
+        }  # fmt: skip
+        return {name: makers[name]() for name in names}, [entries.numel(), numbers.numel()]
+
+    _results: Sequence[str] = ("phi", "phi_t", "gamma")  # of ``rows``, after A
+
+    def _inputs(self, at: State) -> list[ca.SX]:
+        """What ``rows`` reads."""
+        return [*at]
+
+    def _find_entries(self, rows: dict[int, Row]) -> tuple[ca.SX, Callable[[ca.SX], dict[int, dict[int, ca.SX]]]]:
+        """Entries of A that vary, each once in the rows of a joint, and what makes A of each row of them."""
+        values: list[ca.SX] = []
+        parts = []
+        for part in self.parts:
+            of = range(part.first, part.first + len(part.of))
+            bodies = list(rows[part.first].A)
+            own, filled = distinct_entries(ca.horzcat(*(ca.vertcat(*(rows[k].A[b] for b in bodies)) for k in of)))
+            parts.append((of, bodies, filled, len(values)))
+            values += own
+
+        def fill(kept: ca.SX) -> dict[int, dict[int, ca.SX]]:
+            out: dict[int, dict[int, ca.SX]] = {}
+            for of, bodies, filled, first in parts:
+                made = filled(kept[first:])
+                for c, k in enumerate(of):
+                    out[k] = {b: made[6 * e : 6 * e + 6, c] for e, b in enumerate(bodies)}
+            return out
+
+        return ca.vertcat(*values) if values else ca.SX(0, 1), fill
+
+
+class MeanMechanism(SplitMechanism):
+    """The same with mean rows: ``rows`` (h, r0, R0, r, R, v) -> (A, phi), v the mean velocities."""
+
+    _results = ("phi",)
+
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        nb = self.system.nb
+        self._h, self._r0, self._R0 = ca.SX.sym("h"), ca.SX.sym("r0", 3 * nb), ca.SX.sym("R0", 9 * nb)
+
+    def _inputs(self, at: State) -> list[ca.SX]:
+        return [self._h, self._r0, self._R0, at.r, at.R, at.v]
+
+    def _rows(self, at: State) -> dict[int, Row]:
+        out: dict[int, Row] = {}
+        arrays = (self._r0, 3), (self._R0, 9), (at.r, 3), (at.R, 9), (at.v, 6)
+        one = by_rows(ca.SX.eye(3))
+        still = ca.SX.zeros(3), one, ca.SX.zeros(3), one, ca.SX.zeros(6)
+        for part in self.parts:
+            bodies = [still if b == GROUND else [a[n * b : n * b + n] for a, n in arrays] for b in part.body]
+            numbers = ca.SX(ca.DM(_joint_numbers(self.system, part.joint)))
+            phi, forces, X = mean_rows(row_expressions(part.kind, part.of), numbers, self._h, bodies)
+            for k in range(len(part.of)):
+                A = {
+                    b: ca.vertcat((1.0 - 2.0 * e) * forces[k, :].T, X[e][k, :].T)
+                    for e, b in enumerate(part.body) if b != GROUND
+                }  # fmt: skip
+                out[part.first + k] = Row(A, phi[k], ca.SX(0), ca.SX(0))
+        return out
