@@ -95,6 +95,6 @@ def _bodies(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
     return i, still if ground else j
 
 
-def _back(body: list[ca.SX], h: ca.SX) -> ca.SX:
+def _back(body: Sequence[ca.SX], h: ca.SX) -> ca.SX:
     """R_m^-1"""
     return (ca.SX.eye(3) - ca.skew(0.5 * h * body[4][3:])) @ matrix(body[1]).T
