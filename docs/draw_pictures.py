@@ -123,9 +123,12 @@ def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> 
                f'opacity="{1 if said else 0.45}"><title>{name} {seconds(p.cpu_s)}</title></circle>')  # fmt: skip
         if said:
             words = f"{said} {'≤ ' * p.bound}{seconds(p.cpu_s)}"
-            row = min((0, 1), key=lambda r: max(ends[r] - at, 0.0))
-            start = min(max(ends[row], at - 6.0), right - LETTER * len(words) + 30.0)
+            row = min((0, 1), key=lambda r: max(ends[r] - at + 0.5 * LETTER * len(words), 0.0))
+            start = min(max(ends[row], at - 0.5 * LETTER * len(words)), right - LETTER * len(words) + 30.0)
             ends[row] = start + LETTER * len(words) + 12.0
+            if start > at:  # a label that made room for the one before
+                yield (f'<path d="M{at:.1f} {y}L{start - 3:.1f} {y + (18 if row else -18)}" '
+                       f'stroke="currentColor" opacity="0.5"/>')  # fmt: skip
             yield _text(round(start), y + (24 if row else -13), words)
     missed = [_named(s) for s in f.missed if _named(s)]
     if missed:
