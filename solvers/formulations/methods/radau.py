@@ -29,7 +29,7 @@ from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
 from ..compiled.soft_rows import stack_kernels, without_springs
 from .products import add_scaled, move
-from .springs import add_pull, correct, make_soft_rows, respond, set_rates, set_stretch, set_tensions
+from .springs import ENTRIES, add_entries, make_soft_rows, set_rates
 
 _S = math.sqrt(6.0)
 A = np.array([
@@ -62,24 +62,28 @@ def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tol
     """The bundle of a step, with kernels of the stages, which have no spring-dampers; ``before`` is the last step."""
     stages, made = stack_kernels(without_springs(system), 3, NEEDED, code)
     springs = make_soft_rows(system, len(kernel.lam), A, made)
-    scheme, inverse = make_record(tolerance=tolerance, before=0.0), np.linalg.inv(A).copy()
-    return make_step(
-        kernel, control, arrays=ARRAYS, stages=stages, springs=springs, scheme=scheme, a=A, c=C, inverse=inverse,
-        estimate=ERROR,
-    )  # fmt: skip
+    scheme, inverse = make_record(tolerance=tolerance, before=0.0, changed=0.0), np.linalg.inv(A).copy()
+    return add_entries(make_step(
+        kernel, control, arrays=ARRAYS, entries=tuple(ENTRIES), stages=stages, springs=springs, scheme=scheme, a=A,
+        c=C, inverse=inverse, estimate=ERROR,
+    ))  # fmt: skip
 
 
 def start(s):
     """vdot and lam of index 1, and the tensions of the springs."""
-    k = s.kernel
+    k, g = s.kernel, s.stages
     run(k.accelerate)
     s.control.factorisations += 1
-    set_tensions(s.springs, k.r, k.R, k.v, 2)
     for i in range(3):
+        copy(k.r, g.r[i])
+        copy(k.R, g.R[i])
+        copy(k.v, g.v[i])
         copy(k.v_dot, s.old_vdot[i])
         copy(k.lam, s.old_lam[i])
+    run(s.follow)
+    for i in range(3):
         clear(s.springs.old[i])
-        add_scaled(-1.0, s.springs.tension[2], s.springs.old[i])
+        add_scaled(-1.0, s.springs.tension[i], s.springs.old[i])
 
 
 def step(s):
@@ -97,8 +101,9 @@ def step(s):
         if not np.isfinite(size) or (i > 1 and size > 2.0 * last):
             break
         last = size
-        if size <= s.scheme.tolerance:
-            _set_poses(s, c.h, True)
+        converged = size <= s.scheme.tolerance
+        if converged:
+            _set_poses(s, c.h, converged)  # not True, of which numba would compile another function
             c.error = _error(s, c.h, c.rtol)
             break
 
@@ -174,18 +179,20 @@ def _iterate(s, h, first):
     g, size = s.stages, 0.0
     for i in range(3):
         run(g.rows[i])
-        set_tensions(s.springs, g.r[i], g.R[i], g.v[i], i)
         copy(g.v[i], g.w[i])
         run(g.slips[i])
         for a in range(s.off.shape[1]):
             s.off[i, a] = -g.x[i, a]
         size = max(size, largest(g.phi[i]), h * largest(s.off[i]))
+    run(s.follow)
     if first:
         run(g.factorise[1])
-        respond(s.springs, g, h)
+        run(s.respond)
     for i in range(3):
         size = max(size, h * h * _correct_stage(s, g, h, i))
-    return max(size, h * h * correct(s, s.springs, h))
+    s.scheme.changed = 0.0
+    run(s.correct)
+    return max(size, h * h * s.scheme.changed)
 
 
 @inner
@@ -199,7 +206,8 @@ def _correct_stage(s, g, h, i):
         add_scaled(-1.0, s.vdot[i, b], g.w[i, b])
     copy(s.lam[i], g.x[i])
     run(g.push[i])
-    add_pull(s.springs.stages, i, s.springs.p[i], g.w[i])
+    for b in range(len(s.vdot[i])):
+        add_scaled(1.0, s.springs.pull[i, b], g.w[i, b])
     set_rates(g, i)
     for a in range(len(right)):
         by_v = 0.0
@@ -219,7 +227,6 @@ def _correct_stage(s, g, h, i):
     add_scaled(1.0, right, s.eta[i])
     for b in range(len(s.kernel.v)):
         add_scaled(1.0, g.w[i, b], s.vdot[i, b])
-    set_stretch(s.springs, g.w[i], i)
     return largest(g.w[i])
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.bundles import make_bundle
-from ..compiled.entries import inner, run
+from ..compiled.entries import Bound, inner, run
 from ..compiled.soft_rows import make_springs
 from ..generated import Program
 from ..generated.steps import call_lapack, integer
@@ -30,6 +30,7 @@ from .products import add_scaled
 ARRAYS = {
     "p": "3 ns", "old": "3 ns",  # of the last accepted step
     "tension": "3 ns",  # of the law
+    "pull": "3 nb 6",  # M^-1 A_s^T p
     "stretch": "3 ns",  # A_s d
     "W": "ns nr",  # change of lam by each p
     "G": "ns ns",  # [1/kg]
@@ -50,8 +51,8 @@ def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: An
     transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
     solve = [call_lapack("dgetrs", transposed, n, one, matrix, n, pivots, right, n, info)] if ns else []
     return make_bundle(
-        "Springs", ARRAYS, {"ns": ns, "nr": nrows}, stages=stages, law=law, a=a, square=a @ a, matrix=matrix,
-        right=right, factorise=factorise, solve=Program(solve, (keeps, made)),
+        "Springs", ARRAYS, {"nb": system.nb, "ns": ns, "nr": nrows}, stages=stages, law=law, a=a, square=a @ a,
+        matrix=matrix, right=right, factorise=factorise, solve=Program(solve, (keeps, made)),
     )  # fmt: skip
 
 
@@ -63,22 +64,26 @@ def set_rates(g, i):
         g.x[i, a] = -g.x[i, a] - g.slip[i, a]
 
 
-@inner
-def set_tensions(s, r, R, v, i):
-    """Rows of the springs at poses and velocities of stage ``i``, and the tensions of their law."""
-    k = s.stages
-    copy(r, k.r[i])
-    copy(R, k.R[i])
-    copy(v, k.v[i])
-    run(k.rows[i])
-    copy(v, k.w[i])
-    run(k.slips[i])
-    for a in range(s.law.shape[1]):
-        s.tension[i, a] = s.law[0, a] * (k.phi[i, a] - s.law[1, a]) - s.law[2, a] * k.x[i, a]
+def follow(step):
+    """Rows and tensions of the springs at the poses and velocities of all stages; pull := M^-1 A_s^T p."""
+    g, s, k = step.stages, step.springs, step.springs.stages
+    for i in range(3):
+        copy(g.r[i], k.r[i])
+        copy(g.R[i], k.R[i])
+        copy(g.v[i], k.v[i])
+        run(k.rows[i])
+        copy(g.v[i], k.w[i])
+        run(k.slips[i])
+        for a in range(s.law.shape[1]):
+            s.tension[i, a] = s.law[0, a] * (k.phi[i, a] - s.law[1, a]) - s.law[2, a] * k.x[i, a]
+        clear(k.w[i])
+        copy(s.p[i], k.x[i])
+        run(k.push[i])
+        copy(k.w[i], s.pull[i])
 
 
 @inner
-def add_pull(k, i, p, w):
+def _add_pull(k, i, p, w):
     """w += M^-1 A_s^T p with the rows of stage ``i``."""
     copy(w, k.w[i])
     copy(p, k.x[i])
@@ -86,23 +91,15 @@ def add_pull(k, i, p, w):
     copy(k.w[i], w)
 
 
-@inner
-def set_stretch(s, w, i):
-    """A_s w of stage ``i``."""
-    copy(w, s.stages.w[i])
-    set_rates(s.stages, i)
-    copy(s.stages.x[i], s.stretch[i])
-
-
-@inner
-def respond(s, g, h):
-    """W, G and the factors of the matrix with the factor and rows of the second stage of ``g``."""
-    k, ns = s.stages, len(s.G)
+def respond(step):
+    """W, G and the factors of the matrix with the factor and rows of the second stage."""
+    g, s, k, h = step.stages, step.springs, step.springs.stages, step.control.h
+    ns = len(s.G)
     for t in range(ns):
         clear(g.w[1])
         clear(s.change)
         s.change[t] = 1.0
-        add_pull(k, 1, s.change, g.w[1])
+        _add_pull(k, 1, s.change, g.w[1])
         set_rates(g, 1)
         for a in range(g.x.shape[1]):
             g.rhs[1, a] = -g.x[1, a]
@@ -123,12 +120,14 @@ def respond(s, g, h):
     run(s.factorise)
 
 
-@inner
-def correct(step, s, h):
-    """Correct p, lam and vdot of all stages; returns the largest change of vdot."""
-    g, ns, size = step.stages, len(s.G), 0.0
-    if ns == 0:
-        return size
+def correct(step):
+    """Correct p, lam and vdot of all stages, whose w is the change d; ``changed`` is the largest change of vdot."""
+    g, s, k, h = step.stages, step.springs, step.springs.stages, step.control.h
+    ns = len(s.G)
+    for i in range(3):
+        copy(g.w[i], k.w[i])
+        set_rates(k, i)
+        copy(k.x[i], s.stretch[i])
     for i in range(3):
         for a in range(ns):
             x = -s.p[i, a] - s.tension[i, a]
@@ -145,8 +144,16 @@ def correct(step, s, h):
         add_scaled(1.0, g.x[i], step.lam[i])
         clear(g.w[i])
         run(g.push[i])
-        add_pull(s.stages, i, s.change, g.w[i])
+        _add_pull(k, i, s.change, g.w[i])
         for b in range(g.w.shape[1]):
             add_scaled(1.0, g.w[i, b], step.vdot[i, b])
-        size = max(size, largest(g.w[i]))
-    return size
+        step.scheme.changed = max(step.scheme.changed, largest(g.w[i]))
+
+
+ENTRIES = {"follow": follow, "respond": respond, "correct": correct}  # of a step
+
+
+def add_entries(step: Any) -> Any:
+    """A step with the entries of its springs; without springs they do nothing and nothing is compiled."""
+    some = len(step.springs.G)
+    return step._replace(**{name: Bound(f, step) if some else Program([]) for name, f in ENTRIES.items()})
