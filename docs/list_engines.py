@@ -112,9 +112,9 @@ def frontier_table() -> str:
     at = {(row["variant"], row["error"]): row for row in found["rows"]}
     words = (
         f"{lead}, commit {found['commit'][:8]}, {found['runs']} runs: the cheapest code for an error [m, rad] with its "
-        "CPU time and the spread (largest over least) of its repeats; over that, the next code and the cheapest "
-        "engine. In bold: an engine leads. –: fewer than two codes, or no engine. "
-        "†: below the stated error of the reference."
+        "CPU time and the spread (largest over least) of its repeats; over that, the next code and the cheapest of "
+        "MuJoCo, Exudyn and Pinocchio. In bold: one of these leads. –: fewer than two codes, or no engine. "
+        "≈: the spread exceeds the lead, which is not decided. †: below the stated error of the reference."
     )
     heads = [f"{error:.0e}".replace("e-0", "e-") for error in SHOWN]
     lines = [fill(words, 138), "", "| | " + " | ".join(heads) + " |", "|---" * (1 + len(SHOWN)) + "|"]
@@ -129,7 +129,8 @@ def _place(row: dict[str, Any] | None) -> str:
     engine = f"{row['engine'][1]:.2g}" if row["engine"] else "–"
     bold = "**" if row["engine"] and row["engine"][1] <= 1.0 else ""
     words = f"{bold}`{row['cheapest']}`{bold} {_time(row['cpu_s'])}, {row['spread']:.2g}; {row['next']:.2g}, {engine}"
-    return f"{words} †" if row["below_reference"] else words
+    marks = ("≈", row["spread"] > row["next"]), ("†", row["below_reference"])
+    return " ".join((words, *(mark for mark, holds in marks if holds)))
 
 
 def elements() -> str:

@@ -1,4 +1,4 @@
-"""Inertia lent to bodies that have none about some axis, slender rods and point masses, so that M has an inverse.
+"""Inertia added to bodies that have none about some axis, slender rods and point masses, so that M has an inverse.
 
 It changes nothing where the axis is not accelerated; other systems are refused (module ``zero_inertia``).
 """
@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 NONE = 1e-14  # of the largest principal inertia: what rounding leaves of none
-STILL = 1e-9  # of the loads: what lent inertia may take of them
-SHARE = 1e-2  # lent, of a rod's other principal inertias, of m arm^2 of a point mass
+STILL = 1e-9  # of the loads: what added inertia may take of them
+SHARE = 1e-2  # added, of a rod's other principal inertias, of m arm^2 of a point mass
 
 
 def principal(inertia: Float[np.ndarray, "nb 3 3"]) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "nb 3"]]:
@@ -30,7 +30,7 @@ def check_idle(
     added: Float[np.ndarray, "nb 3 3"], arm: Float[np.ndarray, " nb"], f: Float[np.ndarray, "nb 6"],
     Omega_dot: Float[np.ndarray, "nb 3"],
 ) -> None:  # fmt: skip
-    """ValueError where the loads ``f`` accelerate lent inertia: bodies do not have it. ``arm`` [m]: of forces."""
+    """ValueError where the loads ``f`` accelerate added inertia: bodies do not have it. ``arm`` [m]: of forces."""
     taken = np.max(np.abs(np.einsum("bij,bj->bi", added, Omega_dot)), initial=0.0)
     size = max(np.max(np.abs(f[:, :3]) * arm[:, None], initial=0.0), np.max(np.abs(f[:, 3:]), initial=0.0))
     if taken > STILL * size:

@@ -36,7 +36,7 @@ class Rates:
 class Equations:
     """M, A, A_dot v and f at a state; velocities are (r_dot [space], Omega [body]) of each body."""
 
-    M: Float[np.ndarray, "nb 6 6"]  # with lent inertia that changes no motion
+    M: Float[np.ndarray, "nb 6 6"]  # with added inertia that changes no motion
     A: Float[np.ndarray, "nrows n"]  # n = 6 nb
     A_dot_v: Float[np.ndarray, " nrows"]  # with the rate of phi_t, where drives give rows one
     f: Float[np.ndarray, "nb 6"]  # forces [N, space], torques about C less Omega x J Omega [N m, body]

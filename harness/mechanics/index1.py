@@ -37,7 +37,7 @@ def index_1(system: MultibodySystem, s: States) -> Index1:
     """Accelerations, reactions and their loads on the bodies by index 1, at each time of ``s``."""
     n, nb, nrows = len(s), system.nb, system.nrows
     out = Index1(*(np.full(shape, np.nan) for shape in ((n, nb, 6), (n, nrows), (n, nb, 6))))
-    L = np.zeros((nb, 6, 6))  # of L L^T = M, with what is lent
+    L = np.zeros((nb, 6, 6))  # of L L^T = M, with added inertia
     L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
     L[:, 3:, 3:] = np.linalg.cholesky(system.regular_inertia)
     inverse = np.linalg.inv(L)

@@ -111,7 +111,7 @@ class MultibodySystem:
 
     @property
     def regular_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
-        """That of the equations of motion, with what is lent: positive definite."""
+        """That of the equations of motion, with added inertia: positive definite."""
         return self.inertia + self.added_inertia
 
     @property

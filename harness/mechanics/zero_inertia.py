@@ -21,7 +21,7 @@ from .state import State, States
 from .system import MultibodySystem
 from .time_functions import ONE
 
-TURNS = 1e-6  # share of a velocity in n . Omega, by lent inertia: below, that adds less than 1e-12 to the inertia there
+TURNS = 1e-6  # share of a velocity in n . Omega, by added inertia: below, less than 1e-12 is added there
 ACTS = 1e-9  # of a row of A, or of the loads: below, none acts about n
 NOISE = 1e-9  # of a direction, in its words
 MOST_BODIES = 300  # a null space of their 1,800 velocities takes seconds, five of them are computed

@@ -16,7 +16,7 @@ from ...solvers.formulations.generated import Code
 from ...solvers.formulations.generated.code import print_functions
 from ...solvers.formulations.joint_coordinates import code as joint_code
 from ...solvers.formulations.joint_coordinates.tree import Tree
-from ...solvers.formulations.rows.kept_code import _texts
+from ...solvers.formulations.rows.kept_code import texts_of_makers
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from .lanes import LANES, in_lanes, one_by_one, side_by_side
@@ -35,7 +35,7 @@ class Equations:
         joint_code.make_code(system, tree)  # its refusals
         self.system, self.tree = system, tree
         self.ny, self.nu = tree.nq + tree.nu, tree.nu
-        key = f"shadow {VERSION}\0{_texts()}\0{joint_code._own_text()}\0{joint_code._digest(system, tree)}"
+        key = f"shadow {VERSION}\0{texts_of_makers()}\0{joint_code._own_text()}\0{joint_code._digest(system, tree)}"
         self._code = Code(lambda: _print(_functions(system, tree)), key)
         self._functions = {name: self._code.function(name, n) for name, n in ARGUMENTS.items()}
         about = np.zeros(1)

@@ -78,16 +78,17 @@ class Refinement:
             return False
 
     def _close(self, linear: Continuity | None) -> bool:
+        """By one correction at least: else an accurate motion would be its own shadow."""
         left = MOST_TANGENTS
         for _ in range(MOST_ITERATIONS):
-            if self.gap < CLOSED or not np.isfinite(self.gap) or (linear is None and left == 0):
+            if (self.iterations and self.gap < CLOSED) or not np.isfinite(self.gap) or (linear is None and left == 0):
                 break
             if linear is None:
                 linear, left = self._linearise(), left - 1
             self.iterations += 1
             z = linear.least(-self.gaps)
             size, after, y, steps, damping = linear.size(z), np.inf, self.y, self._steps, 1.0
-            while not (after <= (1.0 - damping / 4.0) * size or self.gap < CLOSED):
+            while damping == 1.0 or not (after <= (1.0 - damping / 4.0) * size or self.gap < CLOSED):
                 if damping < LEAST_DAMPING:
                     return False
                 self._steps = steps.copy()  # a motion that went astray took many

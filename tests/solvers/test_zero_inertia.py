@@ -1,4 +1,4 @@
-"""Motions of slender rods and point masses: exact ones, and those of lent inertia that changes nothing."""
+"""Motions of slender rods and point masses: exact ones, and those of added inertia that changes nothing."""
 
 import numpy as np
 import pytest

@@ -59,7 +59,7 @@ def code_option(*choices: str) -> Any:
     """The option ``code`` of a solver."""
     words = {
         "kernel": "the kernel's loops", "mechanism": "straight code made for the mechanism",
-        "auto": "that as soon as it pays, which is at once where it is kept on disk",
+        "auto": "the kernel until making such code pays (at once where it is kept on disk)",
     }  # fmt: skip
     chosen = choices or tuple(words)
     return option(
@@ -130,7 +130,7 @@ class Marcher:
             except mechanism.NoCode as error:
                 reason = str(error)
         self._may_change = reason is None
-        self.notes.append(f"code of the kernel{f' ({reason})' if reason else ''}")
+        self.notes.append(f"code of the kernel{f' ({_cause(reason)})' if reason else ''}")
         return finish_kernel(self._system, empty, needed)
 
     def _use_code(self, kernel: Kernel) -> Kernel:
@@ -154,7 +154,7 @@ class Marcher:
             self.bundle = self.bundle._replace(kernel=kernel)
             self._bind(kernel)
         except mechanism.NoCode as error:
-            self.notes[-1] += f" ({error})"
+            self.notes[-1] += f" ({_cause(str(error))})"
         self._may_change, self.making = False, cpu_seconds() - began
 
     @property
@@ -235,6 +235,11 @@ def _march(problem: Problem, control: StepControl, method: Method, marcher: Any,
         reaction=reaction, cpu_time=cpu, setup_time=set_up,
         diagnostics={n: np.concatenate(([np.nan], a)) for n, a in zip(method.tells, whole.told.T, strict=True)},
     )  # fmt: skip
+
+
+def _cause(refusal: str) -> str:
+    """What stands in the way, without the advice to use the kernel, which is done."""
+    return refusal.split(": use")[0]
 
 
 NAMES = ("r", "R", "v", "Omega")

@@ -15,7 +15,7 @@ from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code, Program
 from ..generated.code import is_kept, print_functions
-from ..rows.kept_code import _text, _texts
+from ..rows.kept_code import text_of, texts_of_makers
 from .kernel import Kernel, finish_kernel, parts_of
 
 MOST_OPERATIONS = 30_000
@@ -187,8 +187,9 @@ def _least_operations(k: Kernel) -> int:
 
 def _key(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
     """A digest of all numbers of a system, of the kernel's order, and of what makes code of them."""
-    makers = _texts(), _text((__file__, str(FACTOR)))
+    makers = texts_of_makers(), text_of((__file__, str(FACTOR)))
     digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()}".encode())
+    digest.update(system.regular_inertia.tobytes())
     for field in fields(system):
         value = getattr(system, field.name)
         if isinstance(value, np.ndarray) and value.dtype != object:

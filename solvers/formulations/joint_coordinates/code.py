@@ -21,7 +21,7 @@ import numpy as np
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
-from ..rows.kept_code import _texts as texts
+from ..rows.kept_code import texts_of_makers
 from .tree import Tree
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class JointCode(NamedTuple):
 
 def make_code(system: MultibodySystem, tree: Tree, at: np.ndarray | None = None) -> JointCode:
     """Made, or loaded; ValueError where none can be made. Its order of elimination is found at y, or at the start."""
-    key = f"{texts()}\0{_own_text()}\0{_digest(system, tree, at)}"
+    key = f"{texts_of_makers()}\0{_own_text()}\0{_digest(system, tree, at)}"
     code = _LOADED.pop(key, None) or Code(lambda: _print(system, tree, at), key)
     _LOADED[key] = code
     if len(_LOADED) > MOST_LOADED:

@@ -29,7 +29,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
-from ..rows.kept_code import _texts as texts
+from ..rows.kept_code import texts_of_makers
 from .code import MOST_OPERATIONS, _column, _digest, _evaluate, _normalise, _own_text, _parts, choose_order, too_large
 from .tree import Limb, Tree, snap
 
@@ -55,7 +55,7 @@ def make_hamilton_code(
 ) -> HamiltonCode:
     """Made, or loaded; ValueError where it is too large. Its orders of elimination are found at y, or at the start."""
     text = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    key = f"{texts()}\0{_own_text()}\0{text}\0{radial}\0{_digest(system, tree, at)}"
+    key = f"{texts_of_makers()}\0{_own_text()}\0{text}\0{radial}\0{_digest(system, tree, at)}"
     code = Code(lambda: _print(system, tree, at, radial), key)
     about = np.zeros(3)
     code.function("about", 1)(about.ctypes.data)

@@ -57,11 +57,15 @@ class Settings(NamedTuple):
         return {name: type(self._field_defaults[name])(x) for name, x in self._asdict().items()}
 
 
-def applies(settings: Settings, system: MultibodySystem) -> bool:
-    """Whether the simplified method solves the step that ``settings`` describe."""
-    plain = not (settings.corrective or settings.carry_sigma or settings.always_nested)
-    forces = sum(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i))
-    return plain and settings.simplified == 1 and not forces and system.is_pinned
+def needs_more(settings: Settings, system: MultibodySystem) -> str:
+    """What the simplified method lacks of the step that ``settings`` describe; empty where it solves it."""
+    if any(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i)):
+        return "forces beside gravity"
+    if settings.corrective or settings.carry_sigma or settings.always_nested:
+        return "C_bar, K_bar, a carried sigma or nested loops"
+    if settings.simplified != 1:
+        return "newton = exact, another estimate than extrapolated, or mu0"
+    return "" if system.is_pinned else "joints other than spherical and revolute ones"
 
 
 TOLD = (
@@ -199,11 +203,9 @@ class GaugeChoices:
         """Why no code can be made of the mechanism, where it is asked for, or None."""
         if self.code == "kernel":
             return None
-        if self.max_turn or not applies(self.settings(problem), problem.system):
-            return (
-                "code for the mechanism is the simplified method's: gravity, spherical and revolute joints alone, none "
-                "of max_turn, sigma0, mu0, c_bar, k_bar; use code = kernel"
-            )
+        more = "max_turn" if self.max_turn else needs_more(self.settings(problem), problem.system)
+        if more:
+            return f"code for the mechanism is the simplified method's, which does not take {more}: use code = kernel"
         return mechanism.refusal(problem.system, empty_kernel(problem.system))
 
     def refuses_direction(self, problem: Problem) -> str | None:

@@ -16,7 +16,7 @@ from ..compiled.entries import Bound, run
 from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
-from .choices import TOLD, GaugeChoices, Settings, applies
+from .choices import TOLD, GaugeChoices, Settings, needs_more
 from .gc_newton_arrays import integrate_newton, newton_steps
 from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, take_step
 
@@ -27,9 +27,9 @@ PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the
 def integrate_weak_form(
     problem: Problem, control: StepControl, choices: GaugeChoices, settings: Settings
 ) -> Trajectory:
-    """March by the simplified method where it applies, else by the full one."""
+    """March by the simplified method where it needs_more, else by the full one."""
     method = newton_steps(problem.system, settings, choices.max_cuts, choices.max_turn, choices.mu0)
-    if applies(settings, problem.system) and not choices.max_turn:
+    if not (choices.max_turn or needs_more(settings, problem.system)):
         method = simplified_steps(problem.system, settings, method)
     return integrate_newton(problem, control, method)
 

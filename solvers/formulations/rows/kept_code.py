@@ -55,18 +55,19 @@ def code_of(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
     key = (kind, *of) if kind else of
     declared = {**joints.DECLARED, **forces.DECLARED}
     paths = {f.__code__.co_filename for f in vars(declared[kind]).values() if hasattr(f, "__code__")} if kind else ()
-    return Code(print_code, f"{maker} {key} {choices}\0{_texts()}\0{_text(tuple(sorted(paths)))}")
+    return Code(print_code, f"{maker} {key} {choices}\0{texts_of_makers()}\0{text_of(tuple(sorted(paths)))}")
 
 
 @cache
-def _texts() -> str:
+def texts_of_makers() -> str:
     """A digest of the modules that make code of declarations, of all that the project declares, and of CasADi."""
     here = Path(__file__).resolve().parent
     folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
-    return _text((*map(str, paths), str(declaring.__file__))) + version("casadi")
+    return text_of((*map(str, paths), str(declaring.__file__))) + version("casadi")
 
 
 @cache
-def _text(paths: tuple[str, ...]) -> str:
+def text_of(paths: tuple[str, ...]) -> str:
+    """A digest of these files."""
     return hashlib.sha256(b"\0".join(Path(path).read_bytes() for path in paths)).hexdigest()

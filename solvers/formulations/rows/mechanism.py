@@ -66,7 +66,7 @@ class RankedFactor(Factor):
         places: list[tuple[dict[int, Any], int]] = []
         for k in self.order:
             places += [(self.inverse, k), *((self.L[k], row) for row in self.L[k])]
-        numbers = _column([column[row] for column, row in places])
+        numbers = as_column([column[row] for column, row in places])
         if kept is not None:
             for n, (column, row) in enumerate(places):
                 column[row] = kept[n]
@@ -78,7 +78,7 @@ class Mechanism:
 
     def __init__(self, system: MultibodySystem, parts: Sequence[Part], order: Sequence[int]) -> None:
         self.system, self.parts, self.order = system, parts, order
-        self.J_inv = [ca.sparsify(ca.DM(_snap(a))) for a in np.linalg.inv(system.regular_inertia)]
+        self.J_inv = [ca.sparsify(ca.DM(snap_zeros(a))) for a in np.linalg.inv(system.regular_inertia)]
 
     def state(self) -> State:
         """Symbols."""
@@ -94,7 +94,7 @@ class Mechanism:
         rows = self._rows(at)
         factor = RankedFactor(self._matrix(rows), self.order)
         free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
-        lam = factor.solve({k: -row.gamma - _rate(row, free) for k, row in rows.items()})
+        lam = factor.solve({k: -row.gamma - product_of_row(row, free) for k, row in rows.items()})
         v_dot = self._push(free, rows, lam)
         numbers = factor.exchange_numbers()
         kept = ca.SX.sym("factor", numbers.numel())
@@ -103,9 +103,9 @@ class Mechanism:
         moved = self._close_joints(at, rows, factor)
         rows = self._rows(moved)
         v = ca.vertsplit(at.v, 6)
-        x = factor.solve({k: -row.phi_t - _rate(row, v) for k, row in rows.items()})
+        x = factor.solve({k: -row.phi_t - product_of_row(row, v) for k, row in rows.items()})
         return {
-            "accelerate": Straight([*at], [ca.vertcat(*v_dot), _column([lam[k] for k in range(n)]), numbers]),
+            "accelerate": Straight([*at], [ca.vertcat(*v_dot), as_column([lam[k] for k in range(n)]), numbers]),
             "project": Straight([*at, kept], [moved.r, moved.R, ca.vertcat(*self._push(v, rows, x))]),
             "copy": Straight([*at[1:]], [*at[1:]]),
         }, [numbers.numel()]
@@ -122,7 +122,7 @@ class Mechanism:
         for part in self.parts:
             e = row_expressions(part.kind, part.of)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])
-            A, *scalars = free(*_ends(at, part.body), at.t, _joint_numbers(self.system, part.joint))
+            A, *scalars = free(*ends_of(at, part.body), at.t, joint_numbers_of(self.system, part.joint))
             for k in range(len(part.of)):
                 own = {b: A[k, 6 * e : 6 * e + 6].T for e, b in enumerate(part.body) if b != GROUND}
                 out[part.first + k] = Row(own, *(x[k] for x in scalars))
@@ -146,7 +146,7 @@ class Mechanism:
         """Applied forces; ``turning``: less Omega x J Omega."""
         s, out = self.system, list[ca.SX]()
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
-            J = ca.sparsify(ca.DM(_snap(s.regular_inertia[b])))
+            J = ca.sparsify(ca.DM(snap_zeros(s.regular_inertia[b])))
             gyroscopic = -ca.cross(v[3:], J @ v[3:]) if turning else ca.SX.zeros(3)
             out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), gyroscopic))
         for kind, declared in forces.DECLARED.items():
@@ -155,7 +155,7 @@ class Mechanism:
             for m, numbers in enumerate(force_numbers(s, kind)):  # of several units: none is small beside others
                 j = int(getattr(s, f"{kind}_j")[m]) if declared.pair else GROUND
                 ends = int(getattr(s, f"{kind}_i")[m]), j
-                load = free(*_ends(at, ends), at.t, numbers)
+                load = free(*ends_of(at, ends), at.t, numbers)
                 for e_b, b in enumerate(ends):
                     if b != GROUND:
                         out[b] = out[b] + load[6 * e_b : 6 * e_b + 6]
@@ -173,7 +173,8 @@ class Mechanism:
         return [w_b + self._inverse_mass(b, load[b]) for b, w_b in enumerate(w)]
 
 
-def _ends(at: State, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
+def ends_of(at: State, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
+    """Poses (24,) and velocities (12,) of a pair of bodies, the ground at rest."""
     still = ca.SX.zeros(3), by_rows(ca.SX.eye(3)), ca.SX.zeros(6)
     (r_i, R_i, v_i), (r_j, R_j, v_j) = (
         still if b == GROUND else (at.r[3 * b : 3 * b + 3], at.R[9 * b : 9 * b + 9], at.v[6 * b : 6 * b + 6])
@@ -182,19 +183,20 @@ def _ends(at: State, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
     return ca.vertcat(r_i, R_i, r_j, R_j), ca.vertcat(v_i, v_j)
 
 
-def _joint_numbers(system: MultibodySystem, joint: int) -> np.ndarray:
+def joint_numbers_of(system: MultibodySystem, joint: int) -> np.ndarray:
     """Numbers of a joint, free of rounding where they are zero."""
     numbers = joint_numbers(system, np.array([joint]))[0]
     for part in (slice(0, 6), slice(6, 12), slice(12, 21)):
-        numbers[part] = _snap(numbers[part])
+        numbers[part] = snap_zeros(numbers[part])
     return numbers
 
 
-def _snap(a: np.ndarray) -> np.ndarray:
+def snap_zeros(a: np.ndarray) -> np.ndarray:
+    """``a`` with zeros where it is zero but for rounding."""
     return np.where(np.abs(a) < NOISE * np.max(np.abs(a), initial=0.0), 0.0, a)
 
 
-def _rate(row: Row, w: Sequence[ca.SX]) -> Any:
+def product_of_row(row: Row, w: Sequence[ca.SX]) -> Any:
     """A w"""
     return sum((ca.dot(a, w[b]) for b, a in row.A.items()), ca.SX(0))
 
@@ -209,5 +211,6 @@ def _turn_by_series(R: ca.SX, a: ca.SX) -> ca.SX:
     return R @ (ca.SX.eye(3) + f * hat + 0.5 * g * (hat @ hat))
 
 
-def _column(a: Sequence[ca.SX]) -> ca.SX:
+def as_column(a: Sequence[ca.SX]) -> ca.SX:
+    """Dense (n, 1)."""
     return ca.densify(ca.vertcat(*a)) if len(a) else ca.SX(0, 1)

@@ -9,7 +9,17 @@ import numpy as np
 
 from ..generated import Straight
 from .expressions import matrix, pose_rate, row_expressions
-from .mechanism import Mechanism, Part, RankedFactor, State, _column, _ends, _joint_numbers, _rate, _snap
+from .mechanism import (
+    Mechanism,
+    Part,
+    RankedFactor,
+    State,
+    as_column,
+    ends_of,
+    joint_numbers_of,
+    product_of_row,
+    snap_zeros,
+)  # fmt: skip
 from .wrenches import distinct_entries, measures_in_space
 
 IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm is taken
@@ -72,18 +82,18 @@ class SimplifiedStep(Mechanism):
         numbers = factor.exchange_numbers()
         told = ca.SX.sym("factor", numbers.numel())
         factor.exchange_numbers(told)
-        x = factor.solve({k: -_rate(row, free) for k, row in rows.items()})
+        x = factor.solve({k: -product_of_row(row, free) for k, row in rows.items()})
         v = self._push(free, rows, x)
         square = sum(
             (self._energy(b, a - o) for b, (a, o) in enumerate(zip(v, ca.vertsplit(at.v, 6), strict=True))), ca.SX(0)
         )
-        change = _column([x[k] for k in range(n)])
+        change = as_column([x[k] for k in range(n)])
         closed = self._close_joints(at, rows, factor)
         poses = [at.t, at.r, at.R]
         return {
             "begin": Straight(
                 [at.t, plan, at.r, at.R, at.v, nu_start],
-                [ca.vertcat(*first), ca.vertcat(*values) if values else ca.SX(1, 1), _column(slips), _column(f_bars)],
+                [ca.vertcat(*first), ca.vertcat(*values) if values else ca.SX(1, 1), *map(as_column, (slips, f_bars))],
             ),
             "factor": Straight(poses, [numbers, found]),
             "iterate": Straight(
@@ -108,16 +118,16 @@ class SimplifiedStep(Mechanism):
         return self.system.mass[b] * ca.dot(v[:3], v[:3]) + ca.dot(v[3:], self._inertia(b) @ v[3:])
 
     def _inertia(self, b: int) -> ca.DM:
-        return ca.sparsify(ca.DM(_snap(self.system.regular_inertia[b])))
+        return ca.sparsify(ca.DM(snap_zeros(self.system.regular_inertia[b])))
 
     def _list_inputs(self, spun: State, part: Part) -> list[Any]:
         """What ``_wrenches`` reads, but for B."""
         s, bodies = self.system, []
         for b in part.body:
-            J = _snap(s.regular_inertia[max(b, 0)]), _snap(np.linalg.inv(s.regular_inertia[max(b, 0)]))
+            J = snap_zeros(s.regular_inertia[max(b, 0)]), snap_zeros(np.linalg.inv(s.regular_inertia[max(b, 0)]))
             numbers = s.mass[b] * s.gravity, s.mass[b : b + 1], J[1].ravel(), J[0].ravel()
             bodies.append(ca.DM(np.concatenate(numbers)) if b >= 0 else ca.DM.zeros(22))
-        return [*_ends(spun, part.body), spun.t, _joint_numbers(s, part.joint), *bodies]
+        return [*ends_of(spun, part.body), spun.t, joint_numbers_of(s, part.joint), *bodies]
 
 
 @cache

@@ -13,7 +13,7 @@ from ....harness.mechanics.system import GROUND
 from ..generated import Straight
 from .expressions import by_rows, row_expressions
 from .means import mean_rows
-from .mechanism import Mechanism, RankedFactor, Row, State, _column, _joint_numbers, _rate
+from .mechanism import Mechanism, RankedFactor, Row, State, as_column, joint_numbers_of, product_of_row
 from .wrenches import distinct_entries
 
 
@@ -41,11 +41,11 @@ class SplitMechanism(Mechanism):
         poses, by_body = [at.t, at.r, at.R, at.v], ca.vertsplit(w, 6)
 
         def listed(values: dict[int, Any]) -> ca.SX:
-            return _column([values[k] for k in range(n)])
+            return as_column([values[k] for k in range(n)])
 
         def react() -> Straight:
             free = [self._inverse_mass(b, load) for b, load in enumerate(self._loads(at))]
-            lam = factor.solve({k: -row.gamma - _rate(row, free) for k, row in rows.items()})
+            lam = factor.solve({k: -row.gamma - product_of_row(row, free) for k, row in rows.items()})
             return Straight([*poses, A, gamma, kept], [ca.vertcat(*self._push(free, rows, lam)), listed(lam)])
 
         def close_joints() -> Straight:
@@ -53,11 +53,12 @@ class SplitMechanism(Mechanism):
             return Straight([at.r, at.R, A, phi, kept], [closed.r, closed.R])
 
         def project_rates() -> Straight:
-            impulse = factor.solve({k: -row.phi_t - _rate(row, by_body) for k, row in rows.items()})
+            impulse = factor.solve({k: -row.phi_t - product_of_row(row, by_body) for k, row in rows.items()})
             return Straight([A, phi_t, kept, w], [ca.vertcat(*self._push(by_body, rows, impulse)), listed(impulse)])
 
         def slips() -> Straight:
-            return Straight([A, phi_t, w], [listed({k: -row.phi_t - _rate(row, by_body) for k, row in rows.items()})])
+            slip = {k: -row.phi_t - product_of_row(row, by_body) for k, row in rows.items()}
+            return Straight([A, phi_t, w], [listed(slip)])
 
         def columns(name: str) -> ca.SX:
             return listed({k: getattr(row, name) for k, row in full.items()})
@@ -125,7 +126,7 @@ class MeanMechanism(SplitMechanism):
         still = ca.SX.zeros(3), one, ca.SX.zeros(3), one, ca.SX.zeros(6)
         for part in self.parts:
             bodies = [still if b == GROUND else [a[n * b : n * b + n] for a, n in arrays] for b in part.body]
-            numbers = ca.SX(ca.DM(_joint_numbers(self.system, part.joint)))
+            numbers = ca.SX(ca.DM(joint_numbers_of(self.system, part.joint)))
             phi, forces, X = mean_rows(row_expressions(part.kind, part.of), numbers, self._h, bodies)
             for k in range(len(part.of)):
                 A = {

@@ -106,12 +106,13 @@ def test_a_motion_that_goes_astray_costs_later_ones_nothing():
     assert np.array_equal(refinement._rough, before)
 
 
-def test_shadow_of_a_linear_problem_is_its_least_squares():
+@pytest.mark.parametrize("factor", [1.01, 1.0 + 1e-10])  # of the frequency; by the latter no gap is open
+def test_shadow_of_a_linear_problem_is_its_least_squares(factor):
     """Of x'' = -OMEGA^2 x the true motions are linear in their start, and the nearest is a linear regression."""
     problem = oscillator()
     t = np.linspace(0.0, problem.t_end, 401)
     start = np.stack((problem.initial.r[0], problem.initial.v[0]))
-    x = rotation(t, 1.01 * OMEGA) @ start
+    x = rotation(t, factor * OMEGA) @ start
     R = np.broadcast_to(np.eye(3), (len(t), 1, 3, 3))
     given = States(x[:, :1], R, x[:, 1:], np.zeros((len(t), 1, 3)), t)
     shadow = find_shadow(problem, Trajectory(t, given, Status.SUCCESS, "", {}))
@@ -119,7 +120,7 @@ def test_shadow_of_a_linear_problem_is_its_least_squares():
     w = 0.5 * (np.append(h, 0.0) + np.insert(h, 0, 0.0))
     weight = np.sqrt(w)[:, None, None] * np.diag([1.0, shadow.tau])
     exact = rotation(shadow.t, OMEGA)
-    at = rotation(shadow.t, 1.01 * OMEGA) @ start
+    at = rotation(shadow.t, factor * OMEGA) @ start
     best = np.linalg.lstsq((weight @ exact).reshape(-1, 2), (weight @ at).reshape(-1, 3), rcond=None)[0]
     assert shadow.is_complete
     assert np.allclose(shadow.true.r[:, 0], (exact @ best)[:, 0], atol=1e-3 * np.max(shadow.distance))

@@ -20,7 +20,7 @@ from ..arbitrary_systems import arbitrary, consistent, linkage, with_user_forces
 SYSTEMS = {
     "linkage": linkage(springs=True), "all joints": all_joints(), "moving rows": moving_rows(None),
     "user forces": with_user_forces(),
-    "lent inertia": make_problem("simple_pendulum", {"support": "link", "yaw": 0.4}).system,
+    "added inertia": make_problem("simple_pendulum", {"support": "link", "yaw": 0.4}).system,
 }  # fmt: skip
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 ROUNDING = 1e-12  # relative
