@@ -1,6 +1,6 @@
 """The table in docs/judging.md: solvers and engines on the chain over 20 s, by error, shadow and ensemble.
 
-python docs/list_shadows.py measure SOLVER ...    # runs them, into results/published/chaos.json; shadows there are kept
+python docs/list_shadows.py measure SOLVER ...    # runs them, into results/published/chaos.json
 python docs/list_shadows.py cloud N SOLVER ...    # scores their ensembles of N starts, into the same file
 python docs/list_shadows.py                       # writes the page from it
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm, spearmanr
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.clock import cpu_seconds
@@ -23,6 +24,8 @@ from mbsbench.harness.ensemble.sampling import state_at
 from mbsbench.harness.ensemble.verdict import ALL_C, compare_clouds
 from mbsbench.harness.execution.run_file import read_run
 from mbsbench.harness.execution.solve_file import solve_to_file
+from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.environment import commit
 from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.shadow.long_motion import load_long_motion
 from mbsbench.harness.shadow.modified_energy import find_modified_energy
@@ -32,7 +35,7 @@ from mbsbench.harness.types import Problem, StepControl, Trajectory
 
 HERE = Path(__file__).resolve().parent
 PAGE, DATA = HERE / "judging.md", HERE.parent / "results" / "published" / "chaos.json"
-RUNS = HERE.parent / "results" / "local" / "chaos"  # kept: a motion is solved once
+RUNS = HERE.parent / "results" / "local" / "chaos"  # kept: a motion is solved once by the same code
 LOCK = RUNS / "lock"
 TABLE = re.compile(r"(?<=<!-- made from chaos\.json by list_shadows\.py -->\n).*(?=<!-- end -->)", re.DOTALL)
 LIMIT = 100.0  # [s] of CPU, of a run
@@ -47,7 +50,8 @@ SOUND = ("success", "inaccurate")
 def measure(problem: Problem, solver: str) -> dict[str, Any]:
     """A row of the data."""
     spec = make_spec(problem, solver)
-    path = RUNS / f"{solver}.npz"
+    code = code_of(problem.name, solver)
+    path = RUNS / f"{solver}-{code}.npz"
     if not path.exists():
         solve_to_file(spec, path, LIMIT)
     r, trajectory = read_run(path)
@@ -57,11 +61,13 @@ def measure(problem: Problem, solver: str) -> dict[str, Any]:
         "solver": solver, "setting": setting, "status": r.status, "why": words,
         "t_reached_s": r.t_reached_s, "cpu_s": r.cpu_min_s, "energy_drift_J": r.energy_drift_max_J,
         "accurate_until_s": r.accurate_until_s, "accurate_until_1pct_s": r.accurate_until_1pct_s,
+        "code": code, "commit": commit(),
     }  # fmt: skip
+    old = read().get("runs", {}).get(solver, {})
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} | {
         "error_m": measure_errors(problem, trajectory),
         "modified_energy": measure_modified_energy(problem, trajectory),
-        "shadow": read().get("runs", {}).get(solver, {}).get("shadow") or describe(problem, trajectory),
+        "shadow": old["shadow"] if old.get("code") == code else describe(problem, trajectory),
     }
 
 
@@ -109,7 +115,10 @@ def without_nan(numbers: dict[str, Any]) -> dict[str, Any]:
 
 
 def score(problem: Problem, solvers: list[str], starts: int) -> dict[str, Any]:
-    """By solver: starts; excess and p of the energy score of all C and of the CRPS of the energy, at each time."""
+    """By solver: starts; excess and p of the energy score of all C and of the CRPS of the energy, at each time.
+
+    All clouds have the same starts: part of their excess is that of this draw, which ``TRUTH`` shows.
+    """
     e = make_ensemble(problem, SPREAD, SEED, SCORED)
     true = registry.make_solver(TRUTH, {"code": "mechanism"})
     code = Code(TRUTH, "", true, StepControl(rtol=1e-10))
@@ -148,18 +157,17 @@ def table() -> str:
     heads = ["solver", "status", "energy drift [J]", "accurate until [s]", "error at 5 s [m]", "at 20 s",
              "shadow until [s]", "rms [mm]", "largest", "at the start", "gap [m]", "its CPU time [s]",
              "modified energy"]  # fmt: skip
-    scored = ["starts", "excess of all C at 2 s [m]", "bias of energy at 20 s [J]"]
-    heads += scored if data.get("ensembles") else []
+    clouds = data.get("ensembles", {})
+    heads += ["starts", "excess of all C at 2 s [m]", "bias of energy at 20 s [J]"] if clouds else []
     rows = [f"| {' | '.join(heads)} |", "|---|---|" + "--:|" * (len(heads) - 2)]
     for r in sorted(data["runs"].values(), key=rank):
-        s, cloud = r["shadow"], data.get("ensembles", {}).get(r["solver"], {})
+        s, cloud = r["shadow"], clouds.get(r["solver"], {})
         cells = [
             f"`{r['solver']}` {r['setting']}", r["status"], number(r["energy_drift_J"]), number(r["accurate_until_s"]),
             *(number(r["error_m"].get(f"{t:g}")) for t in (EARLY, LATE)), number(s.get("until_s")),
             *(number(s.get(k), 1e3) for k in ("rms_m", "largest_m", "start_m")),
             number(s.get("gap_m") if s.get("until_s") else None, digits=1), number(s.get("cpu_s")),
-            number(r["modified_energy"], digits=1), scored_starts(cloud),
-            *(signed(cloud.get(k), part) for k, part in ((f"{ALL_C} 2", "excess"), ("energy 20", "bias"))),
+            number(r["modified_energy"], digits=1), scored_starts(cloud), excess(cloud, clouds), bias(cloud, clouds),
         ]  # fmt: skip
         rows.append(f"| {' | '.join(cells[: len(heads)])} |")
     return "\n".join(rows) + "\n"
@@ -181,16 +189,20 @@ def page() -> str:
     )
     near = sorted((r for r in rows if r["shadow"] in shadows), key=rank)
     still = min(near, key=lambda r: r["energy_drift_J"])
+    order = spearmanr([r["energy_drift_J"] for r in near], [r["shadow"]["rms_m"] for r in near]).statistic
     lesson += (
-        f"The energy does not: `{still['solver']}` keeps it best, to {still['energy_drift_J']:.1e} J, and its "
-        f"shadow is number {near.index(still) + 1} of {len(near)} by distance. "
+        f"The drift of energy ranks them alike (Spearman {order:.2g}), but for `{still['solver']}`, which keeps it "
+        f"best, to {still['energy_drift_J']:.1e} J: its shadow is number {near.index(still) + 1} of {len(near)}. "
     )
     slow = [f"`{r['solver']}`" for r in sorted(rows, key=rank) if r["shadow"].get("cpu_s", 0.0) > GOAL]
     lesson += f"Shadows that took more than {GOAL:g} s of CPU: {', '.join(slow) or 'none'}. "
     if none:
         lesson += f"Lawful to the end, yet without a shadow found that far: {', '.join(none)}. "
     if data.get("ensembles"):
-        lesson += f"Bold: chance alone gives as much in less than one of {1 / SURE:.0f} cases."
+        lesson += (
+            f"Ensembles: from the same starts, less the excess of `{TRUTH}` from these. Bold: chance alone gives as "
+            f"much in less than one of {1 / SURE:.0f} cases."
+        )
     return f"{textwrap.fill(lesson, 138)}\n\n{table()}"
 
 
@@ -211,11 +223,26 @@ def scored_starts(cloud: dict[str, Any]) -> str:
     return number(cloud.get("starts"), digits=4) + (f", {missing} missing" if missing else "")
 
 
-def signed(score: dict[str, Any] | None, part: str) -> str:
-    """In bold where chance alone gives so much in one of 100 cases."""
-    if score is None or score[part] is None:
+def excess(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
+    """Of all C at 2 s, less that of ``TRUTH`` from the same starts."""
+    score, own = (of.get(f"{ALL_C} 2", {}) for of in (cloud, clouds.get(TRUTH, {})))
+    if score.get("excess") is None or cloud["starts"] != clouds[TRUTH]["starts"]:
         return "–"
-    return f"**{score[part]:.2g}**" if score["p"] < SURE else f"{score[part]:.2g}"
+    return in_bold(score["excess"] - own["excess"], score["p"] < SURE)
+
+
+def bias(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
+    """Of the energy at 20 s; its standard error is that of two means, the second of ``TRUTH``."""
+    score, true = (of.get("energy 20", {}) for of in (cloud, clouds.get(TRUTH, {})))
+    if score.get("bias") is None:
+        return "–"
+    error = math.hypot(score["spread"], true["spread"]) / math.sqrt(cloud["starts"])
+    return in_bold(score["bias"], abs(score["bias"]) > norm.isf(0.5 * SURE) * error)
+
+
+def in_bold(value: float, sure: bool) -> str:
+    """In bold what chance alone gives in less than one of 100 cases."""
+    return f"**{value:.2g}**" if sure else f"{value:.2g}"
 
 
 def main() -> None:
