@@ -6,9 +6,9 @@ set of its rows is then one of ours. It knows no rate of a drive (1.13.6). Redun
 pivoted QR of them in the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have no
 row of their own, and dense LU that ignores the singular Jacobian, by the rows of index 3 alone. Where the rows in use
 wear out before all do, the rest of a stretch is thrown away and a model on better rows goes on from there
-(``export.exudyn_rows``). Its defaults stay: modified Newton, and smaller steps where the iteration fails; such a run has
-no fixed steps any more and ends there. Sensors record poses inside the timed loop. Between stretches it restarts from
-its state, with initial accelerations computed anew. Its explicit integrators take no joints.
+(``export.exudyn_rows``). Its defaults stay: modified Newton, and smaller steps where the iteration fails; such a run
+has no fixed steps any more and ends there. Sensors record poses inside the timed loop. Between stretches it restarts
+from its state, with initial accelerations computed anew. Its explicit integrators take no joints.
 """
 
 import contextlib

@@ -209,8 +209,7 @@ def test_rows_left_out_still_hold():
 
 @needs("exudyn")
 def test_redundant_rows_are_kept_by_the_integrator_of_index_3_alone():
-    """Off the constraints redundant rows are independent: held as velocities they stop a five-bar, which keeps 5 % of
-    its energy while each of its rows holds."""
+    """Off the constraints redundant rows are independent: held as velocities they take a five-bar's energy."""
     case = read_case(ROOT / "results" / "published" / "fuzz" / "exudyn-21.json")
     problem, off = case.oracle.problem, []
     for dt in (problem.dt, problem.dt / 2):
