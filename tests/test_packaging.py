@@ -96,7 +96,10 @@ def test_locks_carry_hashes_and_agree():
         for pin in re.split(r"\n(?=[A-Za-z0-9])", path.read_text(encoding="utf-8")):
             first, *rest = pin.splitlines()
             name, version = first.split("==", 1)
-            assert any("--hash=sha256:" in line for line in rest), f"{path.name}: {first}"
+            hashes = [line.strip(" \\") for line in rest if "--hash" in line]
+            assert hashes, f"{path.name}: {first}"
+            assert all(re.fullmatch("--hash=sha256:[0-9a-f]{64}", h) for h in hashes), f"{path.name}: {first}"
+            assert re.fullmatch(r"\d+(\.\d+)*((a|b|rc)\d+)?(\.post\d+)?", version.split()[0]), f"{path.name}: {first}"
             own.setdefault(name, set()).add(version.split()[0])  # without the platforms it is for
         if path.name.startswith("requirements-engines-"):  # of an environment of its own
             continue

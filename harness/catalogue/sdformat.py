@@ -67,6 +67,8 @@ class Document:
             self.check(world, "world")
         self.gravity = np.array(_numbers(world, "gravity", GRAVITY, 3))
         self.dt = _numbers(world, "physics/max_step_size", STEP, 1)[0]
+        if not self.dt > 0.0:
+            raise Refusal(world.findall("physics/max_step_size")[0], f"the step must be > 0 s (got {self.dt})")
         self.links: list[Link] = []
         self.joints: list[Connection] = []
         models = world.findall("model")
@@ -88,7 +90,11 @@ class _Model:
 
     def __init__(self, document: Document, model: ET.Element, prefix: str) -> None:
         self.document, self.model, self.prefix = document, model, prefix
-        self.named = {e.get("name", ""): e for tag in ("link", "joint", "frame") for e in model.findall(tag)}
+        self.named: dict[str, ET.Element] = {}
+        for e in (e for tag in ("link", "joint", "frame") for e in model.findall(tag)):
+            if not (name := e.get("name", "")) or name in self.named:
+                raise Refusal(e, "links, joints and frames of a model need names, each its own")
+            self.named[name] = e
         self.static = _text(model, "static", "false") in ("true", "1")
         self.number: dict[str, int] = {}
 
@@ -227,8 +233,10 @@ def _numbers(e: ET.Element, tag: str, default: str, count: int) -> list[float]:
         found = [float(x) for x in text.split()]
     except ValueError:
         found = []
-    if len(found) != count or any(map(math.isnan, found)):
-        raise Refusal(next(iter(e.findall(tag)), e), f"{tag} must be {count} number{'s' * (count > 1)} (got {text!r})")
+    bounded = not tag.startswith("limit/")  # an endless joint has limits of inf
+    if len(found) != count or not all(math.isfinite(x) if bounded else not math.isnan(x) for x in found):
+        words = f"{tag} must be {count} {'finite ' * bounded}number{'s' * (count > 1)} (got {text!r})"
+        raise Refusal(next(iter(e.findall(tag)), e), words)
     return found
 
 
@@ -240,6 +248,8 @@ def _pose(e: ET.Element) -> Frame:
     count = 7 if quaternion else 6
     x = _numbers(e, "pose", " ".join(["0"] * count), count)
     if quaternion:
+        if not any(x[3:]):
+            raise Refusal(pose, "a quaternion must not be zero")
         return Frame(np.array(x[:3]), Rotation.from_quat(x[3:]).as_matrix())
     degrees = pose.get("degrees", "false") in ("true", "1")
     return Frame(np.array(x[:3]), Rotation.from_euler("xyz", x[3:], degrees=degrees).as_matrix())

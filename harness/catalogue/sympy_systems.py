@@ -5,6 +5,7 @@ Bodies and their poses are read from it; joints and forces are recognised from t
 """
 
 import importlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -37,6 +38,8 @@ def read_sympy(
     A LagrangesMethod also needs its ``bodies``; ``origin`` is a point at rest, if no mass has a position to one.
     """
     e = _Equations(method, dict(values), tuple(bodies), origin)
+    for what, numbers in (("values", values), ("start", start)):
+        _check_numbers(what, numbers)
     known = [*e.q, *e.u]
     for symbol in start:
         if symbol not in known:
@@ -58,6 +61,16 @@ def read_sympy(
     initial = project(system, state) if len(e.closing) else state
     kind, version = type(method).__name__, importlib.import_module("sympy").__version__
     return Problem(name, system, initial, t_end, dt, "", f"{kind} of SymPy {version}, joints and forces recognised")
+
+
+def _check_numbers(what: str, numbers: Mapping[Any, Any]) -> None:
+    for symbol, x in numbers.items():
+        try:
+            finite = math.isfinite(float(x))
+        except (TypeError, ValueError):
+            finite = False
+        if not finite:
+            raise ValueError(f"{what}: {symbol} must be a finite number (got {x!r})")
 
 
 @dataclass(frozen=True)
@@ -226,7 +239,10 @@ class _Equations:
 
     def _sample(self, q: np.ndarray, u: np.ndarray, free: np.ndarray) -> Sample:
         nq, state = len(q), self.state(q, u)
-        full = np.linalg.solve(self._at("mass", q, u), self._at("force", q, u).ravel())
+        try:
+            full = np.linalg.solve(self._at("mass", q, u), self._at("force", q, u).ravel())
+        except np.linalg.LinAlgError:
+            raise ValueError("the mass matrix of its equations is singular: a mass, inertia or length is 0") from None
         q_dot = self._at("q_dot", q, u).ravel()
         q_ddot = self._at("bent", q, u).ravel() + self._at("along", q, u) @ full[nq : nq + len(u)]
         x_ddot = (self._at("turning", q, u).ravel() + self._at("slope", q) @ q_ddot).reshape(-1, 12)

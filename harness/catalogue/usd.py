@@ -61,6 +61,9 @@ class Document:
         stage = _open(path)
         self.metre = float(self.geom.GetStageMetersPerUnit(stage))
         self.kilogram = float(self.physics.GetStageKilogramsPerUnit(stage))
+        for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
+            if not 0.0 < unit < math.inf:
+                raise ValueError(f"{name} must be finite and > 0 (got {unit:g})")
         self.reader, self.dt = f"usd-core {'.'.join(map(str, self.usd.GetVersion()[1:]))}", STEP
         self.omitted: Counter[str] = Counter()
         self._places = self.geom.XformCache()
@@ -103,6 +106,8 @@ class Document:
         body, outside = self.physics.RigidBodyAPI(prim), self._frame(prim.GetParent(), np.zeros(3)).R
         C = self._frame(prim, centre, mass.GetPrincipalAxesAttr().Get())
         rates = (body.GetVelocityAttr(), body.GetAngularVelocityAttr())
+        if not np.all(np.isfinite([a.Get() for a in rates])):
+            raise Refusal(prim, f"velocities must be finite (got {rates[0].Get()}, {rates[1].Get()})")
         v, omega = (outside @ np.array(a.Get(), dtype=float) for a in rates)
         unit = self.kilogram * self.metre**2
         return Link(str(prim.GetPath()), self.kilogram * m, unit * np.diag(moments.astype(float)), C, self.metre * v,
@@ -140,6 +145,8 @@ class Document:
             (sort, letter), drive = FREE[free], free[0] if len(free) == 1 else ""
         elif sort in DRIVES:
             drive = DRIVES[sort]
+        if letter not in ("X", "Y", "Z"):
+            raise Refusal(prim, f"physics:axis must be X, Y or Z (got {letter})")
         axis = np.eye(3)["XYZ".index(letter)]
         if sort is JointKind.DISTANCE:
             limits = [float(prim.GetAttribute(f"physics:{k}Distance").Get()) for k in ("min", "max")]
@@ -197,6 +204,8 @@ class Document:
     def _frame(self, prim: Any, p: np.ndarray, turn: Any = None) -> Frame:
         """The place in space [m] of a point and axes of a prim, whose scale counts for the point."""
         T = np.array(self._places.GetLocalToWorldTransform(prim)).T
+        if not (np.all(np.isfinite(T)) and np.all(np.isfinite(p)) and np.all(np.any(T[:3, :3], axis=0))):
+            raise Refusal(prim, "its transform and points must be finite, its scale not 0")
         axes = T[:3, :3] / np.linalg.norm(T[:3, :3], axis=0)
         R = Rotation.from_matrix(axes).as_matrix()
         if np.max(np.abs(axes - R)) > SHEAR:

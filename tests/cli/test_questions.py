@@ -27,14 +27,18 @@ def test_every_question_is_answered_or_says_what_is_missing():
     for q in QUESTIONS:
         assert ("missing" in q) != ("command" in q) and all("#" in t for t in q["threads"])
         assert "command" not in q or (q["answer"].count("{}") == 1 and q["figure"] and q["value"])
+        assert all(other["value"] in q["answer"] for other in q.get("also", []))
 
 
 def marks_of(question):
     return [getattr(pytest.mark, mark) for mark, key in (("slow", "slow"), ("engine", "needs")) if question.get(key)]
 
 
+NUMBERS = [{**q, **number} for q in QUESTIONS if "command" in q for number in (q, *q.get("also", []))]
+
+
 @pytest.mark.parametrize(
-    "question", [pytest.param(q, id=q["ask"], marks=marks_of(q)) for q in QUESTIONS if "command" in q]
+    "question", [pytest.param(q, id=f"{q['ask']} {q['value']}", marks=marks_of(q)) for q in NUMBERS]
 )
 def test_the_command_prints_the_number_of_its_answer(question, tmp_path):
     for engine in question.get("needs", []):

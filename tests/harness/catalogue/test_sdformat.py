@@ -167,7 +167,9 @@ def test_rates_that_a_loop_does_not_allow_are_refused(tmp_path):
     ("<axis2><xyz>0 1 0", "<axis2><xyz>1 1 0", "<joint name='C'>: the axes of a universal joint must be normal"),
     ("<parent>tip</parent>", "<parent>top</parent>", "<joint name='B'>: no link, joint or frame 'top'"),
     ('<link name="glued">', '<include/><link name="glued">', "<include>: not taken over within model"),
-    ("<mass>2</mass>", "<mass>heavy</mass>", "<mass>: mass must be 1 number (got 'heavy')"),
+    ("<mass>2</mass>", "<mass>heavy</mass>", "<mass>: mass must be 1 finite number (got 'heavy')"),
+    ("<xyz>1 0 0</xyz></axis>", "<xyz>1 0 inf</xyz></axis>", "<xyz>: xyz must be 3 finite numbers (got '1 0 inf')"),
+    ('<link name="glued">', '<link name="ball"/><link name="glued">', "<link name='ball'>: links, joints and frames"),
     ("<xyz>1 0 0</xyz></axis>", '<xyz>1 0 0</xyz><mimic joint="A"/></axis>', "<mimic>: not taken over within axis"),
     ('<frame name="hip">', '<frame name="hip" attached_to="ball">', "its pose is relative to itself"),
 ])  # fmt: skip

@@ -198,8 +198,11 @@ def test_springs_between_point_masses_are_recognised(me, sp):
     (lambda v, s: v.popitem(), "values lacks kt"),
     (lambda v, s: s.pop(next(iter(s))), "start lacks q1"),
     (lambda v, s: s.update(x=1.0), "start: x is not one of q1"),
+    (lambda v, s: s.update(dict.fromkeys([next(iter(s))], np.nan)), "start: q1.t. must be a finite number .got nan"),
+    (lambda v, s: v.update(dict.fromkeys([next(iter(v))], "heavy")), "values: m must be a finite number .got 'heavy'"),
+    (lambda v, s: v.update(dict.fromkeys([list(v)[2]], 0.0)), "the mass matrix of its equations is singular"),
 ])  # fmt: skip
-def test_what_lacks_is_named(me, sp, change, words):
+def test_numbers_that_lack_or_are_none_are_named(me, sp, change, words):
     system, values, start, _ = block_with_pendulums(me, sp)
     change(values, start)
     with pytest.raises(ValueError, match=words) as error:

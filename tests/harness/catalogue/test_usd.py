@@ -159,6 +159,10 @@ def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
     ("rel physics:body0 = </World/crank>", "rel physics:body0 = </World/none>", "/World/B: there is no /World/none"),
     ("(-1.0, 0, 0.0)", "(-1.5, 0, 0.0)", "refused.usda: joint /World/B is open at the start by 0.5"),
     ('"PhysicsMassAPI"]', '"PhysicsMassAPI", "PhysxMimicJointAPI:rotX"]', "PhysxMimicJointAPI:rotX is not taken over"),
+    ("metersPerUnit = 1.0", "metersPerUnit = 0", "metersPerUnit must be finite and > 0 (got 0)"),
+    ('axis = "Y"', 'axis = "W"', "/World/A: physics:axis must be X, Y or Z (got W)"),
+    ("translate = (0.0, 0, 0.5)", "translate = (inf, 0, 0.5)", "/World/crank: its transform and points must be finite"),
+    ("angularVelocity = (0, 90", "angularVelocity = (0, inf", "/World/crank: velocities must be finite (got "),
     ("#usda 1.0", "#usda one", "refused.usda:1:1: Unable to parse layer version"),
     ("upAxis", "subLayers = [@./none.usda@]\n upAxis", "Could not load sublayer"),
 ])  # fmt: skip

@@ -44,6 +44,13 @@ class YIsUp(Broken):
         return replace(system, gravity=np.array([0.0, -np.linalg.norm(system.gravity), 0.0]))
 
 
+class Falls(Broken):
+    """Lets gravity act where there is none."""
+
+    def mistake(self, system: MultibodySystem) -> MultibodySystem:
+        return replace(system, gravity=np.array([0.0, 0.0, -9.81]))
+
+
 class OneLoop(Broken):
     """Ignores joints that close a second loop."""
 

@@ -3,17 +3,23 @@
 import importlib.util
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from mbsbench import JointKind
 from mbsbench.harness.fuzz.campaign import Settings, run_campaign
+from mbsbench.harness.fuzz.mechanism import Body, Connection, Mechanism
 from mbsbench.harness.fuzz.oracle import FINDINGS, Kind, Oracle, Verdict
+from mbsbench.harness.fuzz.presenting import Form
 from mbsbench.harness.fuzz.shrinking import shrink_outcome
+from mbsbench.harness.mechanics.consistency import InconsistentStart
+from mbsbench.harness.mechanics.system import GROUND
 
-from .broken import SOUND, Broken, NoProducts, OneLoop, YIsUp
+from .broken import SOUND, Broken, Falls, NoProducts, OneLoop, YIsUp
 
 SEED, STEPS, TRIALS = 4, 20, 60
 WITH_DISTANCE = 102
+AT_REST = 60  # of seed 1
 
 
 def make_short_oracle(number: int) -> Oracle:
@@ -65,3 +71,40 @@ def test_a_refused_mechanism_is_no_finding():
     oracle = make_short_oracle(WITH_DISTANCE)
     assert JointKind.DISTANCE in [c.kind for c in oracle.mechanism.connections]
     assert oracle.examine("mujoco").kind is Kind.REFUSED
+
+
+def test_a_deviation_from_rest_is_confirmed():
+    """The reference of a mechanism that nothing moves is its start; a code that lets it fall is off it."""
+    oracle = Settings(1, form=Form()).oracle(AT_REST)
+    assert oracle.decide(SOUND)[0] is Verdict.DISMISSED
+    verdict, evidence = oracle.decide("broken", Falls())
+    assert verdict is Verdict.CONFIRMED and "at rest and without forces, nothing moves" in evidence
+
+
+def make_flat_parallelogram(first: float, second: float) -> Mechanism:
+    """Cranks of 1 m along X on feet 2 m apart, with their rates [rad/s], and the coupler."""
+    ball = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
+    of_bodies = (
+        (0.5, 0.5 * first, first),
+        (2.5, 0.5 * second, second),
+        (2.0, 0.5 * (first + second), 0.5 * (second - first)),
+    )
+    bodies = tuple(
+        Body(1.0, ball, (x, 0.0, 0.0), velocity=(0.0, speed, 0.0), spin=(0.0, 0.0, rate))
+        for x, speed, rate in of_bodies
+    )
+    hinges = [(0, GROUND, 0.0), (2, 0, 1.0), (1, GROUND, 2.0), (2, 1, 3.0)]
+    return Mechanism(bodies, tuple(Connection(JointKind.REVOLUTE, i, j, (x, 0.0, 0.0)) for i, j, x in hinges))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "moves"), [(1, 1, True), (1, -3, True), (1, 0, False), (1, -2.9, False), (0, 1, False)]
+)
+def test_velocities_of_no_motion_are_not_drawn(first: float, second: float, moves: bool):
+    """Flat, the coupler's length L and the cranks' a ask for (w2 - w1)(a (w2 - w1) - L (w2 + w1)) = 0."""
+    mechanism = make_flat_parallelogram(first, second)
+    if moves:
+        assert np.allclose(mechanism.problem().initial.Omega[:2, 2], (first, second))
+        return
+    with pytest.raises(InconsistentStart, match="no motion has the velocities of the start"):
+        mechanism.problem()
