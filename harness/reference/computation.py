@@ -190,7 +190,7 @@ class _Motion:
         try:
             y, z = self.first.project_state(self.first.start(self.start)), self.second.start(self.start)
             pair = Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
-            begin, speed, turn = self.first.states(y[None]), 0.0, 0.0
+            begin, speed, turn, self.reach = self.first.states(y[None]), 0.0, 0.0, 0.0
             t, span = 0.0, self.t_end
             self.stiff = self.is_stiff(y)
             routes = self._collocations(first, second, len(y) + len(z)) if self.stiff else None
@@ -268,13 +268,11 @@ class _Motion:
 
 def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbit | None:
     """The orbit of the first level on which both routes agree to the end; else the one that reaches furthest."""
-    left, best = max(BUDGET, 2.0 * _fewest(system)), None
+    motion, best = _Motion(system, start, t_end, max(BUDGET, 2.0 * _fewest(system))), None
     for level, (tolerance, correction) in enumerate(LEVELS):
-        motion = _Motion(system, start, t_end, left)
         share = WORST if level == len(LEVELS) - 1 else AGREED
         with threadpool_limits(1):  # of matrices so small threads cost ten times what they save
             found = orbit.orbit_of(motion.pieces(tolerance, correction), partial(motion.share, share))
-        left = motion.left
         if found is None:
             continue
         found = replace(found.until(WORST * motion.reach), stiff=motion.stiff)

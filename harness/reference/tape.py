@@ -51,6 +51,9 @@ class Symbol:
         return Symbol(ca.atan2(self.x, _plain(other)))
 
 
+ZERO = Symbol(None)  # most entries of matrices, kept from CasADi, which takes ten times as long; a tape gives it x
+
+
 def _plain(a: Any) -> Any:
     return a.x if isinstance(a, Symbol) else float(a)
 
@@ -61,6 +64,13 @@ def _operator(name: str, swap: bool) -> Callable[[Symbol, Any], Any]:
     def both(self: Symbol, other: Any) -> Any:
         if isinstance(other, np.ndarray):
             return NotImplemented  # element by element
+        zero = other is ZERO or (not isinstance(other, Symbol) and other == 0.0)
+        if name == "mul" and (zero or self is ZERO):
+            return ZERO
+        if name == "add" and zero:
+            return self
+        if name == "add" and self is ZERO and isinstance(other, Symbol):
+            return other
         a, b = self.x, _plain(other)
         return Symbol(act(b, a) if swap else act(a, b))
 
@@ -78,6 +88,7 @@ class Tape:
     def __init__(self, function: Callable[[np.ndarray], tuple[np.ndarray, ...]], n: int) -> None:
         import casadi as ca
 
+        ZERO.x = ca.SX(0.0)
         y = ca.SX.sym("y", n)
         state = np.empty(n, dtype=object)
         state[:] = [Symbol(y[k]) for k in range(n)]
@@ -86,7 +97,7 @@ class Tape:
         self._ends = np.cumsum([a.size for a in found])
         out = ca.vertcat(*(_plain(a) for array in found for a in array.ravel()))
         self._one = ca.Function("terms", [y], [ca.densify(out)])
-        self._of: dict[int, tuple[np.ndarray, np.ndarray, Callable[[], None], Any]] = {}
+        self._of: dict[int, tuple[np.ndarray, tuple[np.ndarray, ...], Callable[[], None], Any]] = {}
 
     def __call__(self, y: Float[np.ndarray, "nt n"]) -> tuple[np.ndarray, ...]:
         """Views of memory that the next call writes."""
@@ -96,9 +107,9 @@ class Tape:
             given, found = np.empty(y.shape), np.empty((nt, int(self._ends[-1])))
             held.set_arg(0, given.data)
             held.set_res(0, found.data)
-            self._of[nt] = given, found, run, held
-        given, found, run, _ = self._of[nt]
+            split = zip(np.split(found, self._ends[:-1], axis=1), self._shapes, strict=True)
+            self._of[nt] = given, tuple(a.reshape(nt, *shape) for a, shape in split), run, held
+        given, parts, run, _ = self._of[nt]
         given[:] = y
         run()
-        parts = np.split(found, self._ends[:-1], axis=1)
-        return tuple(a.reshape(nt, *shape) for a, shape in zip(parts, self._shapes, strict=True))
+        return parts
