@@ -37,9 +37,9 @@ def read_sympy(
     ``values`` gives numbers for its symbols, ``start`` for its coordinates and, where they are not 0, its speeds.
     A LagrangesMethod also needs its ``bodies``; ``origin`` is a point at rest, if no mass has a position to one.
     """
-    e = _Equations(method, dict(values), tuple(bodies), origin)
     for what, numbers in (("values", values), ("start", start)):
         _check_numbers(what, numbers)
+    e = _Equations(method, dict(values), tuple(bodies), origin)
     known = [*e.q, *e.u]
     for symbol in start:
         if symbol not in known:
@@ -63,7 +63,9 @@ def read_sympy(
     return Problem(name, system, initial, t_end, dt, "", f"{kind} of SymPy {version}, joints and forces recognised")
 
 
-def _check_numbers(what: str, numbers: Mapping[Any, Any]) -> None:
+def _check_numbers(what: str, numbers: Any) -> None:
+    if not isinstance(numbers, Mapping):
+        raise ValueError(f"{what}: expected a dict of numbers by symbol (got {numbers!r})")
     for symbol, x in numbers.items():
         try:
             finite = math.isfinite(float(x))

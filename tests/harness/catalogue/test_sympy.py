@@ -210,6 +210,12 @@ def test_numbers_that_lack_or_are_none_are_named(me, sp, change, words):
     assert "\n" not in str(error.value)
 
 
+def test_a_start_that_is_no_dict_is_refused(me, sp):
+    system, values, _, _ = block_with_pendulums(me, sp)
+    with pytest.raises(ValueError, match=r"start: expected a dict of numbers by symbol .got None"):
+        read_sympy(system, values, None)
+
+
 def test_forces_of_no_kind_here_are_refused(me, sp):
     """A cubic damper explains no acceleration by springs and dampers."""
     system, values, start, _ = block_with_pendulums(me, sp, torque=0.5)
