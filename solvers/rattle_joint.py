@@ -3,7 +3,8 @@
 Andersen (1983); Hairer, Lubich, Wanner (2006), VII.1.4: the momentum of the middle by the slope of the energy at the
 start, coordinates by the mean velocity of both ends, the momentum of the end by the slope there. H depends on q, so
 that all three are implicit. phi and phi_dot of loops vanish at the ends of steps; |x|^2 = 1 of a ball's quaternion is
-a row.
+a row. The spin of slender bodies that balls on their axes hold is added exactly (``joint_coordinates.spins``), since
+steps would have no solution where they turn fast.
 
 Order two; symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step
 ends. With dampers, loads or drives the order holds, and no claim on energy. Of rows that depend on each other,

@@ -9,6 +9,7 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.execution.presenting import present_solver
+from mbsbench.harness.mechanics.consistency import perturb
 from mbsbench.harness.mechanics.index1 import index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
@@ -17,6 +18,7 @@ from mbsbench.solvers.formulations.compiled.marching import new_control
 from mbsbench.solvers.formulations.joint_coordinates import symplectic
 from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.collocation import Tableau, gauss_lobatto, rattle
+from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilton_code
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
 from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
 
@@ -167,6 +169,66 @@ def test_energy_oscillates_and_does_not_drift(solver: str, name: str, dt: float,
     E = drift(problem, run(problem, dt, solver, **({"stages": 3} if solver == GAUSS else {})))
     tenth = len(E) // 10
     assert abs(np.mean(E[:tenth]) - np.mean(E[-tenth:])) < 0.02 * np.max(np.abs(E))
+
+
+def chain_out_of_plane(t_end: float) -> Problem:
+    """Its slender bars turn across their axes and spin about them."""
+    problem = make_problem("chain", {"t_end": t_end})
+    start = perturb(problem.system, problem.initial, 1e-3, 1)
+    spin = np.linspace(-20.0, 20.0, len(start.r))[:, None] * np.eye(3)[0]
+    return dataclasses.replace(problem, initial=dataclasses.replace(start, Omega=start.Omega + spin))
+
+
+def test_slender_bars_out_of_plane_leave_rattle_its_order() -> None:
+    """Steps at which I - h/2 d2H/dqdp of the bars themselves is singular; without spins they have no solution."""
+    problem = chain_out_of_plane(0.44)
+    exact = run(problem, 1e-13, "dop853_joint").states
+    last = [run(problem, dt, RATTLE).states for dt in 2e-3 / 2.0 ** np.arange(4)]
+    for of in ("r", "v", "R", "Omega"):
+        errors = [float(np.max(np.abs(getattr(s, of)[-1] - getattr(exact, of)[-1]))) for s in last]
+        assert abs(orders(errors)[-1] - 2.0) < 0.2, (of, errors)
+
+
+def test_slender_bars_out_of_plane_go_back() -> None:
+    """200 steps and back, with spins about axes, to the rounding of their iterations."""
+    problem, dt = chain_out_of_plane(0.4), 2e-3
+    end = run(problem, dt, RATTLE).states
+    turned = dataclasses.replace(end[len(end.r) - 1], v=-end.v[-1], Omega=-end.Omega[-1], t=0.0)
+    back = run(dataclasses.replace(problem, initial=turned), dt, RATTLE).states
+    assert np.max(np.abs(back.r[-1] - problem.initial.r)) < 1e-11
+    assert np.max(np.abs(back.R[-1] - problem.initial.R)) < 1e-11
+    assert np.max(np.abs(back.Omega[-1] + problem.initial.Omega)) < 1e-9
+
+
+def test_energy_of_slender_bars_out_of_plane_is_bounded() -> None:
+    """Over 20 s of chaos; spins are constant, for no moment acts about the axis of a bar of revolution."""
+    problem = chain_out_of_plane(20.0)
+    out = run(problem, 1e-3, RATTLE)
+    E = drift(problem, out)
+    tenth = len(E) // 10
+    assert np.max(np.abs(E)) < 2.0 * np.max(np.abs(E[: 2 * tenth]))
+    assert abs(np.mean(E[:tenth]) - np.mean(E[-tenth:])) < 0.1 * np.max(np.abs(E))
+    spins = out.states.Omega[:, :, 0]
+    assert np.max(np.abs(spins - problem.initial.Omega[:, 0])) < 1e-7
+
+
+def test_velocities_are_those_of_momenta_with_a_bar_level() -> None:
+    """H u = pi at u that have made p: no orientation of a bar takes the pivots of a chain's tree."""
+    problem = make_problem("chain")
+    tree = spanning_tree(problem.system, problem.initial)
+    code = make_hamilton_code(problem.system, tree).code
+    x = np.tile([1.0, 0.0, 0.0, 0.0], (len(tree.limbs), 1))
+    d = next(limb.arm for limb in tree.limbs if limb.parent == tree.limbs[0].body)
+    d, level = d / np.linalg.norm(d), np.array([0.6, 0.8, 0.0])  # of the first bar: now, and as it is turned
+    x[0] = np.array([1.0 + d @ level, *np.cross(d, level)]) / np.sqrt(2.0 + 2.0 * d @ level)
+    u = np.random.default_rng(1).normal(size=(len(x), 3))
+    y = np.concatenate((x.ravel(), u.ravel()))
+    t, p, q_dot, p_dot = np.zeros(1), *np.zeros((3, x.size))
+    code.function("enter", 2)(*(a.ctypes.data for a in (y, p)))
+    code.function("stage", 5)(*(a.ctypes.data for a in (t, y, p, q_dot, p_dot)))
+    s, v = x[:, :1], x[:, 1:]
+    rates = 0.5 * np.concatenate((-np.sum(u * v, axis=1, keepdims=True), s * u + np.cross(u, v)), axis=1)
+    np.testing.assert_allclose(q_dot.reshape(x.shape), rates, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", ["bricard", "four_bar_grid", "chain"])

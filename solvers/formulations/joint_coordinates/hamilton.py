@@ -8,7 +8,8 @@ four momenta y. With E(x) w = w x, angular velocities u of balls and their momen
 
 This is a canonical system in all of R^2n, R = R(x / |x|). Its energy depends on y by pi alone, so that |x|^2, a
 quadratic form, is an invariant, and what y has along x has no effect. With ``radial`` the energy has a term
-alpha (x . y)^2 / 2 beside, zero in motion, and |x|^2 = 1 is a row, for methods that do not keep quadratic invariants.
+alpha (x . y)^2 / 2 beside, zero in motion, and |x|^2 = 1 is a row, for methods that do not keep quadratic invariants;
+free spins are not in q, and ``close`` adds them to y.
 G is the gradient of the rows that are kept.
 
     stage(t, q, p) -> q_dot, p_dot        without rows
@@ -54,7 +55,8 @@ def make_hamilton_code(
     system: MultibodySystem, tree: Tree, at: np.ndarray | None = None, *, radial: bool = False
 ) -> HamiltonCode:
     """Made, or loaded; ValueError where it is too large. Its orders of elimination are found at y, or at the start."""
-    text = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    files = [Path(__file__), Path(__file__).with_name("spins.py")]
+    text = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     key = f"{texts_of_makers()}\0{_own_text()}\0{text}\0{radial}\0{_digest(system, tree, at)}"
     code = Code(lambda: _print(system, tree, at, radial), key)
     about = np.zeros(3)
@@ -85,28 +87,37 @@ def _functions(
     from ..generated import Straight
     from .elimination import Factor, find_order
     from .motion import Motion
+    from .spins import find_spins
 
     nq, nu = tree.nq, tree.nu
     t, q, p, y = ca.SX.sym("t"), ca.SX.sym("q", nq), ca.SX.sym("p", nq), ca.SX.sym("y", nq + nu)
     x, u, pi = y[:nq], y[nq:], ca.SX.sym("pi", nu)  # of unit quaternions
     balls = [limb for limb in tree.limbs if limb.ball]
     found = choose_order(system, tree, t, y, at)
+    spins = find_spins(system, tree, _evaluate(found.K, t, y, tree.start)) if radial else []
+    for spin in spins:
+        spin.add_inertia(found.K, found.motion)
     first, kept = found.first, sorted(k for k in found.order.rows if k >= found.first)
     rows = [found.rows[k - first] for k in kept]
-    whole = Factor(found.K, found.order.rows)
+    opened = 3 * len(found.motion.opened)
+    whole = Factor(found.K, _order_safely(found.order.rows, first, opened))
     H = {k: {row: entry for row, entry in found.K[k].items() if row < first} for k in range(first)}
     at_start = _evaluate(H, t, y, tree.start)
     here = at_start if at is None else _evaluate(H, t, y, at)
-    of_tree = Factor(H, find_order(here, nu + 3 * len(found.motion.opened)).rows)
+    of_tree = Factor(H, _order_safely(find_order(here, nu + opened).rows, first, opened))
 
     moving, resting = (Motion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
     energy = _kinetic_energy(moving)
-    forces = _project_momenta(tree, x, ca.gradient(energy, y)[:nq]) - _loads(moving, resting)
+    whole_energy = sum((spin.added_energy(moving) for spin in spins), energy)
+    forces = _project_momenta(tree, x, ca.gradient(whole_energy, y)[:nq]) - _loads(moving, resting)
     phi, lam = _column([row.phi for row in rows]), ca.SX.sym("lam", len(kept) + (len(balls) if radial else 0))
     gradient = ca.gradient(ca.dot(phi, lam[: len(kept)]), y)[:nq] if rows else ca.SX.zeros(nq)
     impulse = {k: pi[k] for k in range(nu)}
     moved = of_tree.solve(impulse)
     closed = whole.solve(impulse | {k: -row.rate for k, row in zip(kept, rows, strict=True)})
+    q_held, u_held = ca.SX(x), _column([closed[k] for k in range(nu)])
+    for spin in spins:
+        spin.add_turn(q_held, u_held, found.motion, pi)
 
     def express(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
         """Expressions in unit quaternions at ``q``, velocities and momenta."""
@@ -119,7 +130,7 @@ def _functions(
     (forces,) = express([forces], velocities, lowered)
     phi, gradient, held, mu, L = express(
         [
-            phi, _project_momenta(tree, x, gradient), _column([closed[k] for k in range(nu)]),
+            phi, _project_momenta(tree, x, gradient), ca.vertcat(q_held, u_held),
             _column([closed[k] for k in kept]), _column(_entries(whole)),
         ], rest, lowered,
     )  # fmt: skip
@@ -147,9 +158,20 @@ def _functions(
         "push": Straight([t, q, lam], [push]),
         "factor": Straight([t, q], [L]),
         "solve": Straight([entries, rhs], [_column(solved)]),
-        "close": Straight([t, q, p], [ca.vertcat(_normalise(tree, q), held), mu]),
+        "close": Straight([t, q, p], [held, mu]),
     }
     return functions, lam.numel(), L.numel()
+
+
+def _order_safely(order: list[int], first: int, opened: int) -> list[int]:
+    """The order with each row that holds an opened ball, before ``first``, behind the velocity it alone takes away.
+
+    Before that velocity its pivot is of the parent's turns alone and vanishes in some orientations. Behind it no pivot
+    does: the rows are triangular in those velocities.
+    """
+    place = {k: n for n, k in enumerate(order)}
+    behind = {k: place[k - opened] for k in range(first - opened, first)}
+    return sorted(order, key=lambda k: (max(place[k], behind.get(k, 0)), k))
 
 
 def _kinetic_energy(motion: "Motion") -> "ca.SX":

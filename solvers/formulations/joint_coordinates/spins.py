@@ -1,0 +1,92 @@
+"""Free spins of slender bodies: RATTLE moves bodies of more inertia about their axes, and their turn is added exactly.
+
+A body of revolution that balls on its axis e hold, and that no force but weight moves, keeps pi_e = e . pi, its moment
+of momentum about e. With J about e, its energy has two parts,
+
+    pi_e^2 / (2 J) = pi_e^2 / (2 (J + added))  +  pi_e^2 / 2 (1 / J - 1 / (J + added)),
+
+of which the second turns the body about e at a constant rate. Both flows commute, and so do steps, which are the same
+however the body is turned about e: many steps by the first part, then one turn by rate x t, are many steps of both,
+as symplectic and as reversible.
+
+Without that, long steps h have no solution. The momentum of its middle gives both ends of a step a pi_e that is off by
+about h w J_across where the body turns across e at a rate w; 1 / J makes a fast spin of that, and the couplings of the
+bodies a turn across. I - h/2 d2H/dqdp, by which an end follows from that momentum, is singular where
+h w sqrt(J_across / J) is of order one. With the inertia across e, of all that hangs on the body, about e as well, it is
+singular where h w is of order one.
+"""
+
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from ....harness.mechanics.forces import DECLARED
+from ....harness.mechanics.system import MultibodySystem
+from .motion import Motion
+from .tree import NOISE, Limb, Tree, snap
+
+
+class Spin(NamedTuple):
+    """The axis in the base frame at the start, the inertia about it, and what is added."""
+
+    limb: Limb
+    axis: Float[np.ndarray, " 3"]
+    inertia: float
+    added: float
+
+    @property
+    def _velocities(self) -> slice:
+        limb = self.limb
+        return slice(limb.u_at + len(limb.slides), limb.u_at + limb.sizes[1])
+
+    def _direction(self, motion: Motion) -> ca.SX:
+        return motion.R[self.limb.body] @ ca.SX(ca.DM(self.axis))
+
+    def add_inertia(self, H: dict[int, dict[int, ca.SX]], motion: Motion) -> None:
+        """To H by columns."""
+        e, first = self._direction(motion), self._velocities.start
+        for a in range(3):
+            for c in range(3):
+                H[first + a][first + c] = H[first + a].get(first + c, 0) + self.added * e[a] * e[c]
+
+    def added_energy(self, motion: Motion) -> ca.SX:
+        """That of the added inertia at the motion's velocities."""
+        return 0.5 * self.added * ca.dot(self._direction(motion), motion.u[self._velocities]) ** 2
+
+    def add_turn(self, q: ca.SX, u: ca.SX, motion: Motion, pi: ca.SX) -> None:
+        """To coordinates and velocities at the time of the motion, by momenta ``pi`` about P."""
+        e, limb = self._direction(motion), self.limb
+        rate = (1.0 / self.inertia - 1.0 / (self.inertia + self.added)) * ca.dot(e, pi[self._velocities])
+        own = slice(limb.q_at + len(limb.slides), limb.q_at + limb.sizes[0])
+        half, x = 0.5 * rate * motion.t, q[own]
+        c, n, s, v = ca.cos(half), ca.sin(half) * ca.SX(ca.DM(self.axis)), x[0], x[1:]
+        q[own] = ca.vertcat(c * s - ca.dot(v, n), c * v + s * n + ca.cross(v, n))
+        u[self._velocities] += rate * e
+
+
+def find_spins(system: MultibodySystem, tree: Tree, H: dict[int, dict[int, float]]) -> list[Spin]:
+    """Those of slender bodies; ``H`` at the start has the inertia of all that hangs on a body, about its P."""
+    pushed = {int(b) for kind in DECLARED for end in "ij" for b in getattr(system, f"{kind}_{end}", ())}
+    out = []
+    for limb in tree.limbs:
+        arms = _held_by_balls(system, limb.body)
+        if not limb.ball or arms is None or limb.body in pushed:
+            continue
+        J, axes = np.linalg.eigh(system.regular_inertia[limb.body])
+        off_axis = float(np.max(np.linalg.norm(np.cross(axes[:, 0], arms), axis=1), initial=0.0))
+        first = limb.u_at + len(limb.slides)
+        added = 0.5 * (sum(H[k][k] for k in range(first, first + 3)) - J[0]) - J[0]
+        is_round = J[2] - J[1] <= NOISE * J[2] and off_axis <= NOISE * float(np.max(np.abs(arms), initial=0.0))
+        if is_round and added > 0.0:
+            out.append(Spin(limb, snap(tree.frames[limb.body] @ axes[:, 0]), float(J[0]), float(added)))
+    return out
+
+
+def _held_by_balls(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3"] | None:
+    """Points of its joints in the body; None where some are no balls."""
+    ends = ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j))
+    if any(system.joint_kind(int(k)) != "spherical" for of, _ in ends for k in np.flatnonzero(of == body)):
+        return None
+    return np.concatenate([arms[of == body] for of, arms in ends])
