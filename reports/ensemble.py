@@ -56,7 +56,9 @@ def _plots(e: Ensemble, true: Cloud, s: Scored, moving: Sequence[int]) -> Iterat
     clouds = [_fan(e, true, s, i) for i in moving] + ([_dots(e, true, s, moving, k) for k in range(len(e.at))]
                                                      if len(moving) > 1 else [])  # fmt: skip
     yield f"{s.label}: bands of 50 and 90 % of the members with their median, and members; truth is black.", clouds
-    histograms = [_histogram(s, c) for c in s.rows if c.ranks and c.quantity in {e.observables[i].name for i in moving}]
+    ranked = sorted((c for c in s.rows if c.ranks), key=lambda c: c.ranks.p if c.ranks else 1.0)
+    telling = list(dict.fromkeys(c.quantity for c in ranked))[:DRAWN]  # those least likely to be a perfect solver's
+    histograms = [_histogram(s, c) for c in s.rows if c.ranks and c.quantity in telling]
     if histograms:
         words = "ranks of true draws among the members; between the black lines 95 % of a perfect solver's bars."
         yield f"{s.label}: {words}", histograms
@@ -96,7 +98,7 @@ def _histogram(s: Scored, c: Comparison) -> Plot:
     bars = np.repeat(counts, 2)
     ends = np.array([0.0, 1.0])
     traces = [
-        Trace(s.label, edges, bars, c.solver, low=np.zeros_like(bars), high=bars),
+        Trace(s.label, edges, bars, c.solver, low=np.zeros_like(bars), high=bars, marked=False),
         *(Trace("95 % of a perfect solver's bars", ends, np.full(2, share + d)) for d in (-wide, wide)),
     ]
     title = f"{c.quantity} at {c.t_s:g} s, p = {number(c.ranks.p, 2)}"

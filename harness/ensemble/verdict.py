@@ -59,11 +59,11 @@ def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list
 def judge(found: list[Comparison]) -> str:
     """The verdict on all comparisons of a solver together."""
     missing = max(c.missing for c in found)
-    tests = [p for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
+    tests = [(p, c) for c in found for p in (c.p_score, c.ranks.p if c.ranks else np.nan) if np.isfinite(p)]
     if not tests:
         return "too few members"
-    if min(tests) * len(tests) < LEVEL:
-        return "differs from the truth"
+    if off := dict.fromkeys(f"{c.quantity} at {c.t_s:g} s" for p, c in tests if p * len(tests) < LEVEL):
+        return f"differs from the truth: {', '.join(off)}"
     return f"incomplete: {missing} missing" if missing else NO_DIFFERENCE
 
 

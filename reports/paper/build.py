@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from ...harness.places import Place
 from ..mechanism.segments import picture_of
 from ..model.results import Results, read_results
-from ..plots.paper import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, sheet
+from ..plots.paper import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, set_limits, sheet
 from ..plots.spec import Look, Plot, Trace, looks
 from .captions import FOLDER, Caption, caption, write
 from .catalogue import FIGURES, Panel, PaperFigure, Sketch
@@ -78,6 +78,7 @@ def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) ->
                     ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color=MUTED)
             elif isinstance(plot, Plot):
                 panel(ax, plot, looks)
+                set_limits(ax, plot)
                 _frame(ax, part, plot, lines)
     legend.put(figure)
     return figure

@@ -28,6 +28,7 @@ from .spec import DASHES, ENGINE, Axis, Look, Plot, Trace
 ROOM = 0.8  # of the height of a panel: a legend over it would be larger than what it explains
 NAMED = 14  # traces that a legend names; of more, only the solvers
 ZERO = 20.0  # zeros are drawn so many times below the smallest value above zero, as in assets/plots.js
+CROWD = 100  # points, above which they are drawn small
 DECADE = 10.0  # room around values that are all alike
 MM = 1.0 / 25.4  # [in]
 SINGLE, DOUBLE = 86.0 * MM, 176.0 * MM  # [in] one and two columns of a journal
@@ -59,6 +60,8 @@ def figure(plots: Sequence[Plot], looks: Mapping[str, Look], *, columns: int = 2
         for axis, spec, hidden in ((ax.xaxis, plot.x, below and below.x == plot.x), (ax.yaxis, plot.y, sharey)):
             axis.set_label_text("" if hidden else label(spec))
             axis.set_tick_params(which="both", **{f"label{'bottom' if axis is ax.xaxis else 'left'}": not hidden})
+    for ax, plot in zip(axes.values(), plots, strict=True):
+        set_limits(ax, plot)
     legend.put(out)
     return out
 
@@ -98,7 +101,7 @@ def label(axis: Axis) -> str:
 
 
 def panel(ax: Axes, plot: Plot, looks: Mapping[str, Look]) -> None:
-    """The traces of a plot, within its limits."""
+    """The traces of a plot; ``set_limits`` follows."""
     for which, axis in (("x", plot.x), ("y", plot.y)):
         if axis.log:
             log_axis(ax, which)
@@ -121,10 +124,14 @@ def panel(ax: Axes, plot: Plot, looks: Mapping[str, Look]) -> None:
         ax.text(0.5, 0.5, "exactly zero throughout", transform=ax.transAxes, ha="center", color=MUTED)
     for at in (v for values in plot.marks.values() for v in values):
         ax.axvline(at, color=MUTED, linewidth=0.8, linestyle=DASHES[2], zorder=1)
-    ax.set_xlim(*(v if v == v else None for v in (plot.x.low, plot.x.high)))
-    ax.set_ylim(*(v if v == v else None for v in (plot.y.low, plot.y.high)))
     if not plot.x.log:
         ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+
+
+def set_limits(ax: Axes, plot: Plot) -> None:
+    """Once all panels that share its axes are drawn: a limit on one side fixes the other as it is then."""
+    ax.set_xlim(*(v if v == v else None for v in (plot.x.low, plot.x.high)))
+    ax.set_ylim(*(v if v == v else None for v in (plot.y.low, plot.y.high)))
 
 
 def _draw(ax: Axes, trace: Trace, look: Look, floors: tuple[float, float], phase: float) -> None:
@@ -141,13 +148,15 @@ def _draw(ax: Axes, trace: Trace, look: Look, floors: tuple[float, float], phase
         u = np.log(x) if floors[0] > 0.0 else x
         spots = np.searchsorted(u, u[0] + (np.arange(5) + phase) / 5.0 * (u[-1] - u[0]))
         spots = np.minimum(spots, len(x) - 1)  # a path may turn back
-        style |= {"markevery": np.unique(spots).tolist(), "marker": look.marker if trace.solver else ""}
+        marker = look.marker if trace.solver and trace.marked else ""
+        style |= {"markevery": np.unique(spots).tolist(), "marker": marker}
     else:
         style["marker"] = ""
         for k, end in enumerate(ends):
             hollow = trace.hollow or trace.x[k] < x[k] or trace.y[k] < y[k]
             if not end:
-                ax.plot(x[k], y[k], look.marker, color=look.colour, markersize=8 if trace.hollow else 4.5, zorder=4,
+                size = 2.0 if len(x) > CROWD else 8.0 if trace.hollow else 4.5
+                ax.plot(x[k], y[k], look.marker, color=look.colour, markersize=size, zorder=4,
                         markerfacecolor="none" if hollow else look.colour)  # fmt: skip
     ax.plot(x, y, zorder=3 if trace.solver else 5, **style)
     for k, end in enumerate(ends):

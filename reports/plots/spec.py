@@ -66,6 +66,7 @@ class Trace:
     group: str = ""
     main: bool = True
     hollow: bool = False  # markers as outlines
+    marked: bool = True  # a line of a solver has its marker here and there
     end: str = ""
     ends: Sequence[str] = ()  # for points: "", "failed" or "wrong" each
     urls: Sequence[str] = ()

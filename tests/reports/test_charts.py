@@ -366,3 +366,10 @@ def test_a_path_that_turns_back_is_drawn(tmp_path):
     path = Trace("path", np.array([1.0, 0.5, 0.0]), np.zeros(3), "alpha")
     plot = Plot("paths", "Paths", "", Axis("X", "m"), Axis("Y", "m"), [path])
     figure([plot], {"alpha": spec.Look("#3D62C7", "o")}).savefig(tmp_path / "path.svg")
+
+
+def test_panels_that_share_an_axis_show_all_of_each():
+    """A limit on one side of the first must not fix the other before the second is drawn."""
+    x, y = np.array([0.0, 1.0]), Axis("draws", low=0.0)
+    plots = [Plot(f"p{k}", "", "", Axis("rank"), y, [Trace("a", x, top * x)]) for k, top in enumerate((1.0, 5.0))]
+    assert all(ax.get_ylim()[1] >= 5.0 and ax.get_ylim()[0] == 0.0 for ax in figure(plots, {}).axes)

@@ -198,7 +198,7 @@ def _quaternion(limb: Limb) -> slice:
 def _parts_of(limb: Limb, u: "ca.SX") -> "tuple[ca.SX, ca.SX]":
     """Rates of slides, and rates of turns."""
     ns = len(limb.slides)
-    return u[limb.u_at : limb.u_at + ns], u[limb.u_at + ns : limb.u_at + limb.sizes[1]]
+    return u[limb.u_at : limb.u_at + ns, 0], u[limb.u_at + ns : limb.u_at + limb.sizes[1], 0]  # columns, even if empty
 
 
 def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -> "ca.SX":
