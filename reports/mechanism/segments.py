@@ -110,7 +110,7 @@ def view_of(mechanism: Mechanism) -> Float[np.ndarray, "2 3"]:
     """Directions of space that are right and up: against gravity is up, a planar motion is seen from the front."""
     g = mechanism.gravity
     up = -g / np.linalg.norm(g) if np.any(g) else np.array([0.0, 0.0, 1.0])
-    seen = _some(len(mechanism.t))
+    seen = np.unique(np.linspace(0, len(mechanism.t) - 1, min(len(mechanism.t), 200)).astype(int))
     points = np.concatenate([mechanism.r[seen].reshape(-1, 3), *(mechanism.joints(k) for k in seen)])
     if np.ptp(points, axis=0).max() <= FLAT * mechanism.size:  # it turns about one point: then by its segments
         points = np.concatenate([mechanism.segments(k).reshape(-1, 3) for k in seen])
@@ -160,8 +160,3 @@ def picture_of(series: Series | None) -> Picture | None:
 def flat(points: Float[np.ndarray, "*n 3"], view: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "*n 2"]:
     """Points on paper."""
     return points @ view.T
-
-
-def _some(n: int) -> np.ndarray:
-    """At most 200 of ``n`` frames, first and last among them."""
-    return np.unique(np.linspace(0, n - 1, min(n, 200)).astype(int))

@@ -108,7 +108,8 @@ def csv_of(runs: Sequence[Run]) -> str:
         found = (k.of(c) for k in COLUMNS)
         values = ["" if v == NONE or v != v else v if isinstance(v, str) else repr(v) for v in found]
         rows.append([c.variant, c.record.solver, c.record.paper_label, *values, "; ".join(c.reasons)])
-    return format_csv([["problem", "solver", "paper_label", *map(_head, COLUMNS), "reason"], *rows])
+    heads = (f"{c.key} [{c.unit}]" if c.unit else c.key for c in COLUMNS)
+    return format_csv([["problem", "solver", "paper_label", *heads, "reason"], *rows])
 
 
 def format_csv(rows: Sequence[Sequence[str]]) -> str:
@@ -116,10 +117,6 @@ def format_csv(rows: Sequence[Sequence[str]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
-
-
-def _head(column: Column) -> str:
-    return f"{column.key} [{column.unit}]" if column.unit else column.key
 
 
 def latex_of(title: str, runs: Sequence[Run]) -> str:

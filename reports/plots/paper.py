@@ -148,8 +148,7 @@ def _draw(ax: Axes, trace: Trace, look: Look, floors: tuple[float, float], phase
         u = np.log(x) if floors[0] > 0.0 else x
         spots = np.searchsorted(u, u[0] + (np.arange(5) + phase) / 5.0 * (u[-1] - u[0]))
         spots = np.minimum(spots, len(x) - 1)  # a path may turn back
-        marker = look.marker if trace.solver and trace.marked else ""
-        style |= {"markevery": np.unique(spots).tolist(), "marker": marker}
+        style |= {"markevery": np.unique(spots).tolist(), "marker": look.marker * bool(trace.solver and trace.marked)}
     else:
         style["marker"] = ""
         for k, end in enumerate(ends):

@@ -155,7 +155,8 @@ def _front(points: Sequence[Point], work: str) -> list[Trace]:
 
 def _reference_region(points: Sequence[Point], work: str, own: float) -> list[Trace]:
     """The shaded region below ``own``, the reference's stated error, where some point comes near it."""
-    x, y = (_above_zero(_numbers(points, *of)) for of in (("works", work), ("errors", "error")))
+    found = (_numbers(points, *of) for of in (("works", work), ("errors", "error")))
+    x, y = (np.maximum(a, min(a[a > 0.0], default=1e-16 * ZERO) / ZERO) for a in found)  # zeros where they are drawn
     if not own * NEAR > min(y):
         return []
     edge, bottom = np.full(2, own), np.full(2, min(own / ZERO, min(y) / 2.0))
@@ -218,11 +219,6 @@ def _describe_point(p: Point, *, whole: bool) -> str:
 
 def _numbers(own: Sequence[Point], kind: str, key: str) -> np.ndarray:
     return np.array([getattr(p, kind)[key] for p in own])
-
-
-def _above_zero(values: np.ndarray) -> np.ndarray:
-    """With zeros where they are drawn."""
-    return np.maximum(values, min(values[values > 0.0], default=1e-16 * ZERO) / ZERO)
 
 
 def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], work: str) -> Plot:
