@@ -200,8 +200,8 @@ def page() -> str:
         lesson += f"Lawful to the end, yet without a shadow found that far: {', '.join(none)}. "
     if data.get("ensembles"):
         lesson += (
-            f"Ensembles: from the same starts, less the excess of `{TRUTH}` from these. Bold: chance alone gives as "
-            f"much in less than one of {1 / SURE:.0f} cases."
+            f"Ensembles: from the same starts, less the excess of `{TRUTH}` from these. In bold: a bias that chance "
+            f"alone gives in less than one of {1 / SURE:.0f} cases; the mean of a cloud that blew up shows none."
         )
     return f"{textwrap.fill(lesson, 138)}\n\n{table()}"
 
@@ -226,23 +226,19 @@ def scored_starts(cloud: dict[str, Any]) -> str:
 def excess(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
     """Of all C at 2 s, less that of ``TRUTH`` from the same starts."""
     score, own = (of.get(f"{ALL_C} 2", {}) for of in (cloud, clouds.get(TRUTH, {})))
-    if score.get("excess") is None or cloud["starts"] != clouds[TRUTH]["starts"]:
+    if score.get("excess") is None or own.get("excess") is None or cloud["starts"] != clouds[TRUTH]["starts"]:
         return "–"
-    return in_bold(score["excess"] - own["excess"], score["p"] < SURE)
+    return number(score["excess"] - own["excess"])
 
 
 def bias(cloud: dict[str, Any], clouds: dict[str, Any]) -> str:
     """Of the energy at 20 s; its standard error is that of two means, the second of ``TRUTH``."""
     score, true = (of.get("energy 20", {}) for of in (cloud, clouds.get(TRUTH, {})))
-    if score.get("bias") is None:
+    if score.get("bias") is None or true.get("spread") is None:
         return "–"
-    error = math.hypot(score["spread"], true["spread"]) / math.sqrt(cloud["starts"])
-    return in_bold(score["bias"], abs(score["bias"]) > norm.isf(0.5 * SURE) * error)
-
-
-def in_bold(value: float, sure: bool) -> str:
-    """In bold what chance alone gives in less than one of 100 cases."""
-    return f"**{value:.2g}**" if sure else f"{value:.2g}"
+    error = math.hypot(score["spread"], true["spread"]) / math.sqrt(cloud["starts"] - score["missing"])
+    sure = abs(score["bias"]) > norm.isf(0.5 * SURE) * error
+    return f"**{score['bias']:.2g}**" if sure else f"{score['bias']:.2g}"
 
 
 def main() -> None:

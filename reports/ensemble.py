@@ -60,7 +60,7 @@ def _plots(e: Ensemble, true: Cloud, s: Scored, moving: Sequence[int]) -> Iterat
     telling = list(dict.fromkeys(c.quantity for c in ranked))[:DRAWN]  # those least likely to be a perfect solver's
     histograms = [_histogram(s, c) for c in s.rows if c.ranks and c.quantity in telling]
     if histograms:
-        words = "ranks of true draws among the members; between the black lines 95 % of a perfect solver's bars."
+        words = "ranks of true draws, of what differs most; between the black lines 95 % of a perfect solver's bars."
         yield f"{s.label}: {words}", histograms
 
 

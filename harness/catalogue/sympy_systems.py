@@ -69,7 +69,7 @@ def _check_numbers(what: str, numbers: Any) -> None:
     for symbol, x in numbers.items():
         try:
             finite = math.isfinite(float(x))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             finite = False
         if not finite:
             raise ValueError(f"{what}: {symbol} must be a finite number (got {x!r})")
@@ -244,7 +244,7 @@ class _Equations:
         try:
             full = np.linalg.solve(self._at("mass", q, u), self._at("force", q, u).ravel())
         except np.linalg.LinAlgError:
-            raise ValueError("the mass matrix of its equations is singular: a mass, inertia or length is 0") from None
+            raise ValueError("the mass matrix of its equations is singular, as with a mass or length of 0") from None
         q_dot = self._at("q_dot", q, u).ravel()
         q_ddot = self._at("bent", q, u).ravel() + self._at("along", q, u) @ full[nq : nq + len(u)]
         x_ddot = (self._at("turning", q, u).ravel() + self._at("slope", q) @ q_ddot).reshape(-1, 12)

@@ -204,13 +204,13 @@ class Document:
     def _frame(self, prim: Any, p: np.ndarray, turn: Any = None) -> Frame:
         """The place in space [m] of a point and axes of a prim, whose scale counts for the point."""
         T = np.array(self._places.GetLocalToWorldTransform(prim)).T
-        if not (np.all(np.isfinite(T)) and np.all(np.isfinite(p)) and np.all(np.any(T[:3, :3], axis=0))):
+        x = np.array([0.0, 0.0, 0.0, 0.0] if turn is None else [*turn.GetImaginary(), turn.GetReal()])
+        if not (all(np.all(np.isfinite(a)) for a in (T, p, x)) and np.all(np.any(T[:3, :3], axis=0))):
             raise Refusal(prim, "its transform and points must be finite, its scale not 0")
         axes = T[:3, :3] / np.linalg.norm(T[:3, :3], axis=0)
         R = Rotation.from_matrix(axes).as_matrix()
         if np.max(np.abs(axes - R)) > SHEAR:
             raise Refusal(prim, "its transform shears or mirrors")
-        x = np.array([0.0, 0.0, 0.0, 0.0] if turn is None else [*turn.GetImaginary(), turn.GetReal()])
         return Frame(self.metre * (T[:3, :3] @ p + T[:3, 3]), R @ Rotation.from_quat(x).as_matrix() if np.any(x) else R)
 
 

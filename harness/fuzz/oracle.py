@@ -225,7 +225,7 @@ def _reference(problem: Problem) -> tuple[State, float, str] | None:
     start = problem.initial
     rates = accelerations(problem.system, start)
     if not any(map(np.any, (start.v, start.Omega, rates.v_dot, rates.Omega_dot))):
-        return start, 0.0, "at rest and without forces, nothing moves"
+        return start, 0.0, "at rest and without accelerations, nothing moves"
     found = compute_reference(problem) if is_computable(problem.system) else None
     if found is None or found.horizon < problem.t_end:
         return None

@@ -94,7 +94,7 @@ def _functions(
     x, u, pi = y[:nq], y[nq:], ca.SX.sym("pi", nu)  # of unit quaternions
     balls = [limb for limb in tree.limbs if limb.ball]
     found = choose_order(system, tree, t, y, at)
-    spins = find_spins(system, tree, _evaluate(found.K, t, y, tree.start)) if radial else []
+    spins = find_spins(system, tree) if radial else []
     for spin in spins:
         spin.add_inertia(found.K, found.motion)
     first, kept = found.first, sorted(k for k in found.order.rows if k >= found.first)

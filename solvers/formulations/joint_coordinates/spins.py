@@ -12,8 +12,9 @@ as symplectic and as reversible.
 Without that, long steps h have no solution. The momentum of its middle gives both ends of a step a pi_e that is off by
 about h w J_across where the body turns across e at a rate w; 1 / J makes a fast spin of that, and the couplings of the
 bodies a turn across. I - h/2 d2H/dqdp, by which an end follows from that momentum, is singular where
-h w sqrt(J_across / J) is of order one. With the inertia across e, of all that hangs on the body, about e as well, it is
-singular where h w is of order one.
+h w sqrt(J_across / J) is of order one. With the body's inertia about its P, across e, about e as well, it is singular
+where h w is of order one. What hangs on the body is left out: how much that is depends on the balls that are opened,
+while what is added has to stay the same over a run.
 """
 
 from typing import NamedTuple
@@ -66,8 +67,8 @@ class Spin(NamedTuple):
         u[self._velocities] += rate * e
 
 
-def find_spins(system: MultibodySystem, tree: Tree, H: dict[int, dict[int, float]]) -> list[Spin]:
-    """Those of slender bodies; ``H`` at the start has the inertia of all that hangs on a body, about its P."""
+def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
+    """Those of slender bodies."""
     pushed = {int(b) for kind in DECLARED for end in "ij" for b in getattr(system, f"{kind}_{end}", ())}
     out = []
     for limb in tree.limbs:
@@ -76,8 +77,7 @@ def find_spins(system: MultibodySystem, tree: Tree, H: dict[int, dict[int, float
             continue
         J, axes = np.linalg.eigh(system.regular_inertia[limb.body])
         off_axis = float(np.max(np.linalg.norm(np.cross(axes[:, 0], arms), axis=1), initial=0.0))
-        first = limb.u_at + len(limb.slides)
-        added = 0.5 * (sum(H[k][k] for k in range(first, first + 3)) - J[0]) - J[0]
+        added = 0.5 * (J[1] + J[2]) + system.mass[limb.body] * limb.centre @ limb.centre - J[0]
         is_round = J[2] - J[1] <= NOISE * J[2] and off_axis <= NOISE * float(np.max(np.abs(arms), initial=0.0))
         if is_round and added > 0.0:
             out.append(Spin(limb, snap(tree.frames[limb.body] @ axes[:, 0]), float(J[0]), float(added)))

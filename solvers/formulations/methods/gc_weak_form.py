@@ -27,7 +27,7 @@ PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the
 def integrate_weak_form(
     problem: Problem, control: StepControl, choices: GaugeChoices, settings: Settings
 ) -> Trajectory:
-    """March by the simplified method where it needs_more, else by the full one."""
+    """March by the simplified method where that serves, else by the full one."""
     method = newton_steps(problem.system, settings, choices.max_cuts, choices.max_turn, choices.mu0)
     if not (choices.max_turn or needs_more(settings, problem.system)):
         method = simplified_steps(problem.system, settings, method)

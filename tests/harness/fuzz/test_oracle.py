@@ -78,7 +78,7 @@ def test_a_deviation_from_rest_is_confirmed():
     oracle = Settings(1, form=Form()).oracle(AT_REST)
     assert oracle.decide(SOUND)[0] is Verdict.DISMISSED
     verdict, evidence = oracle.decide("broken", Falls())
-    assert verdict is Verdict.CONFIRMED and "at rest and without forces, nothing moves" in evidence
+    assert verdict is Verdict.CONFIRMED and "at rest and without accelerations, nothing moves" in evidence
 
 
 def make_flat_parallelogram(first: float, second: float) -> Mechanism:

@@ -1,4 +1,4 @@
-"""The simplified Newton method takes the step of the full one: same motion to the tolerance, wherever it needs_more."""
+"""The simplified Newton method takes the step of the full one: same motion to the tolerance, wherever it serves."""
 
 import dataclasses
 
