@@ -191,7 +191,7 @@ def page() -> str:
     still = min(near, key=lambda r: r["energy_drift_J"])
     order = spearmanr([r["energy_drift_J"] for r in near], [r["shadow"]["rms_m"] for r in near]).statistic
     lesson += (
-        f"The drift of energy ranks them alike (Spearman {order:.2g}), but for `{still['solver']}`, which keeps it "
+        f"The drift of energy ranks them much alike (Spearman {order:.2g}), but for `{still['solver']}`, which keeps it "
         f"best, to {still['energy_drift_J']:.1e} J: its shadow is number {near.index(still) + 1} of {len(near)}. "
     )
     slow = [f"`{r['solver']}`" for r in sorted(rows, key=rank) if r["shadow"].get("cpu_s", 0.0) > GOAL]
@@ -201,7 +201,7 @@ def page() -> str:
     if data.get("ensembles"):
         lesson += (
             f"Ensembles: from the same starts, less the excess of `{TRUTH}` from these. In bold: a bias that chance "
-            f"alone gives in less than one of {1 / SURE:.0f} cases; the mean of a cloud that blew up shows none."
+            f"alone gives in less than one of {1 / SURE:.0f} cases; a cloud that blew up is too wide to show one."
         )
     return f"{textwrap.fill(lesson, 138)}\n\n{table()}"
 

@@ -19,7 +19,7 @@ from ..types import Problem
 Vec = tuple[float, float, float]
 ZERO: Vec = (0.0, 0.0, 0.0)
 TURN, LONGEST = 0.05, 0.01  # angle of a step [rad] and longest step [s]
-GOES_ON = 1e-6  # of A_dot v and speeds squared: in 1,000 mechanisms 2e-11 or less is left, or 0.01 or more
+GOES_ON = 1e-6  # of A_dot v and speeds squared: in 2,000 mechanisms at most 2e-11 is left, or 0.005 and more
 RANK = 1e-9  # of the largest singular value of A
 FASTER = 2  # times the size of the mechanism: rates of a point mass are those of its arm
 
