@@ -191,8 +191,8 @@ def page() -> str:
     still = min(near, key=lambda r: r["energy_drift_J"])
     order = spearmanr([r["energy_drift_J"] for r in near], [r["shadow"]["rms_m"] for r in near]).statistic
     lesson += (
-        f"The drift of energy ranks them much alike (Spearman {order:.2g}), but for `{still['solver']}`, which keeps it "
-        f"best, to {still['energy_drift_J']:.1e} J: its shadow is number {near.index(still) + 1} of {len(near)}. "
+        f"The drift of energy ranks them much alike (Spearman {order:.2g}), but for `{still['solver']}`, which keeps "
+        f"it best, to {still['energy_drift_J']:.1e} J: its shadow is number {near.index(still) + 1} of {len(near)}. "
     )
     slow = [f"`{r['solver']}`" for r in sorted(rows, key=rank) if r["shadow"].get("cpu_s", 0.0) > GOAL]
     lesson += f"Shadows that took more than {GOAL:g} s of CPU: {', '.join(slow) or 'none'}. "
