@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import NoReturn
 
-from ..harness.results.environment import THREADS
+from ..harness import machine
 from .commands import add_commands
 from .parser import UsageError, top_parser
 
@@ -18,13 +18,15 @@ INTERRUPTED = {
 }
 OWN_MESSAGE = ("solve",)
 
-os.environ.update(THREADS)  # before numpy is loaded, which reads them once
+os.environ.update(machine.THREADS)  # before NumPy is loaded, which reads them once
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse and run a subcommand; returns the exit code. Without one, or with --help, the list of commands: 0."""
     words = sys.argv[1:] if arguments is None else arguments
     command = ""
+    if "--native" in words:  # now: NumPy reads its environment when a command loads it
+        machine.unpin()
     try:
         parser, commands = top_parser()
         add_commands(commands)

@@ -23,6 +23,10 @@ from .arguments import (
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 FILTERS = ("problem", "solver", "status", "label")
 SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
+COMPUTING = (  # take --native
+    "solve", "run", "check", "try", "advise", "ensemble", "fuzz", "referee", "shadow", "claim", "gate", "submit",
+)  # fmt: skip
+NATIVE = "compute as this processor does it fastest; else the same bits on every processor with AVX2"
 CHANGES = 40  # shown by diff
 TRUTH = "rkmk_dop853"  # compiled once for all starts
 SEED = 1  # the same sample every time, unless --seed says otherwise
@@ -50,6 +54,8 @@ def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argpar
     description = f"{summary[0].upper()}{summary[1:]}."
     p: argparse.ArgumentParser = commands.add_parser(name, help=summary.partition(";")[0], description=description)
     p.set_defaults(command=name)
+    if name in COMPUTING:
+        p.add_argument("--native", action="store_true", help=NATIVE)
     if json:
         p.add_argument("--json", action="store_true", help=f"print JSON: {json}")
     return p

@@ -9,7 +9,8 @@ from typing import Any
 
 import msgspec
 
-from ..results.environment import ROOT, THREADS
+from ..machine import THREADS
+from ..results.environment import ROOT
 from ..suites.spec import RunSpec
 from .job import Job
 

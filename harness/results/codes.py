@@ -30,7 +30,7 @@ ARRANGES = (
     "harness/cache", "harness/catalogue/functions", "harness/catalogue/links", "harness/catalogue/mechanism",
     "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins",
     "harness/catalogue/sdformat", "harness/catalogue/usd",
-    "harness/execution/handover", "harness/execution/job", "harness/files", "harness/places",
+    "harness/execution/handover", "harness/execution/job", "harness/files", "harness/machine", "harness/places",
     "harness/results",
     "harness/sandbox/trial", "harness/shapes", "harness/suites",
 )  # fmt: skip

@@ -16,6 +16,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from ....harness.cache import cache_folder
+from ....harness.machine import llvm_target
 from ....harness.places import Place
 
 if TYPE_CHECKING:
@@ -70,12 +71,8 @@ def _machine() -> llvm.TargetMachine:
     llvm.initialize_native_asmprinter()
     llvm.add_symbol("mbsbench_error", id(ArithmeticError))  # of code that raises; numba takes the name PyExc_...
     target = llvm.Target.from_triple(llvm.get_process_triple())
-    cpu, features = _processor()
+    cpu, features = llvm_target()
     return target.create_target_machine(cpu=cpu, features=features, opt=LEVEL, reloc="pic", codemodel="jitdefault")
-
-
-def _processor() -> tuple[str, str]:
-    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 def is_kept(key: str) -> bool:
@@ -85,7 +82,7 @@ def is_kept(key: str) -> bool:
 
 def _place(key: str, machine: llvm.TargetMachine) -> Place:
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
-    name = hashlib.sha256("\0".join((key, *_processor(), machine.triple, version)).encode()).hexdigest()
+    name = hashlib.sha256("\0".join((key, *llvm_target(), machine.triple, version)).encode()).hexdigest()
     return Place(FOLDER) / f"{name}.o"
 
 
