@@ -15,7 +15,7 @@ import numpy as np
 
 from mbsbench import solve
 from mbsbench.harness.places import Place
-from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.carried import list_equal
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record
@@ -51,9 +51,10 @@ def digest(codes: Iterable[str]) -> str:
     return hashlib.sha256(" ".join(sorted(set(codes))).encode()).hexdigest()[:16]
 
 
-def code_now() -> str:
-    """The same of the code that is there, for the runs of the suite ``SUITE``."""
-    return digest(code_of(s.problem, s.solver) for s in load_suite(SUITE).specs)
+def codes_now() -> list[str]:
+    """List the same of the code that is there, for the runs of the suite ``SUITE``, and of all code of equal bits."""
+    specs = load_suite(SUITE).specs
+    return [digest(g.code_of(s.problem, s.solver) for s in specs) for g in list_equal()]
 
 
 def draw_results(folder: Path, out: Path) -> None:

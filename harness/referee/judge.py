@@ -7,6 +7,7 @@ from typing import Any
 
 from ..places import Place
 from ..results import store
+from ..results.carried import bring_forward
 from ..results.judgements import files
 from ..results.judgements.claims import Claim, Code
 from ..results.judgements.files import format_judgement
@@ -88,7 +89,7 @@ def write_judgements(folder: Place, judged: dict[str, Any], code: Code) -> list[
 
 def describe_outdated(folder: Place, now: Code) -> str:
     """One line on what has changed since the verdicts in ``folder`` were published, with the commands; else empty."""
-    return describe_changes(files.code_of_claims(folder), now, WHOLE)
+    return describe_changes(bring_forward(files.code_of_claims(folder)), now, WHOLE)
 
 
 def find_changes(before: Sequence[Claim], after: Sequence[Claim]) -> list[Change]:

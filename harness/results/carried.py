@@ -1,0 +1,94 @@
+"""Published results carried over: later code that gives the same numbers, bit for bit, as runs by both have shown.
+
+A digest changes with every name in the code. What is published stays true of code whose runs have the same bits:
+``docs/carry_over.py`` makes suite ``ci`` and a hundred runs of suite ``referee`` by an earlier commit and by the
+present code, and only where all are equal writes both into ``results/published/carried.json``.
+"""
+
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+from ..files import parse_json, read_text
+from ..places import Place
+from ..shapes import Shape, convert_shape
+from . import codes
+from .judgements.claims import Code
+from .judgements.files import PUBLISHED
+
+FILE = PUBLISHED / "carried.json"
+
+
+class Generation(Shape, frozen=True):
+    """The digests of one state of the code."""
+
+    solvers: dict[str, str]
+    problems: dict[str, str]
+    measuring: str
+    commit: str = ""
+    shown: str = ""  # the runs that had equal bits then and at the generation after it
+
+    def is_same_code(self, other: "Generation") -> bool:
+        """Whether all digests are equal."""
+        return (self.solvers, self.problems, self.measuring) == (other.solvers, other.problems, other.measuring)
+
+    def includes(self, code: Code) -> bool:
+        """Whether published verdicts are of this code."""
+        parts = ((code.solvers, self.solvers), (code.problems, self.problems))
+        return code.measuring == self.measuring and all(own.items() <= known.items() for own, known in parts)
+
+    def code_of(self, problem: str, solver: str) -> str:
+        """Return the digest that a run of that time has as its column ``code``."""
+        return codes.digest_run(self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring)
+
+
+class Carried(Shape, frozen=True):
+    """States of the code whose runs have equal bits: the newest, and those before it, the oldest first."""
+
+    now: Generation
+    before: tuple[Generation, ...] = ()
+
+
+def present() -> Generation:
+    """Return the digests of the code that is here."""
+    here = codes.package_sources()
+    return Generation(here.solvers, here.problems, here.measuring)
+
+
+def read_carried(path: Place | Path = FILE) -> Carried | None:
+    """Read the file, or None where there is none; FileError where it is not as it should be."""
+    place = path if isinstance(path, Place) else Place(path.parent) / path.name
+    if not place.is_there():
+        return None
+    return convert_shape(parse_json(read_text(place, "what was carried over"), place.name), Carried, place.name)
+
+
+@cache
+def list_equal() -> tuple[Generation, ...]:
+    """List the states of the code whose runs have the bits of the present one, which comes first."""
+    here, carried = present(), read_carried()
+    if carried is None or not carried.now.is_same_code(here):
+        return (here,)
+    return (here, *reversed(carried.before))
+
+
+def is_of_this_code(problem: str, solver: str, code: str) -> bool:
+    """Whether a run with the digest ``code`` was made by this code, or by one with the same bits."""
+    return any(code == g.code_of(problem, solver) for g in list_equal())
+
+
+def bring_forward(code: Code) -> Code:
+    """The digests of published verdicts, those of equal bits in the words of the present code."""
+    here = present()
+    if not any(g.includes(code) for g in list_equal()):
+        return code
+    now = ({k: known.get(k, "") for k in own} for own, known in
+           ((code.solvers, here.solvers), (code.problems, here.problems)))  # fmt: skip
+    return msgspec.structs.replace(code, solvers=next(now), problems=next(now), measuring=here.measuring)
+
+
+def carry(before: Generation, after: Generation, known: Carried | None) -> Carried:
+    """Add a generation: what was equal to ``before`` is equal to ``after``."""
+    continues = known is not None and known.now.is_same_code(before)
+    return Carried(after, (*(known.before if known and continues else ()), before))
