@@ -15,6 +15,8 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+from unittest.mock import MagicMock  # a watcher that says nothing
 
 from mbsbench.harness import machine
 from mbsbench.harness.files import to_json
