@@ -1,10 +1,11 @@
-"""Carry published results over to the present code: ``python docs/carry_over.py PARENT`` (a commit), or say why not.
+"""Carry published results over to the present code: ``python docs/carry_over.py PARENT`` (a commit); say what differs.
 
 A change of names, types or places changes every digest and no number. This makes suite ``ci`` whole, and a hundred runs
-of suite ``referee`` drawn by the hash of PARENT, by the code of PARENT and by the present one, under the same pinned
-arithmetic. Where statuses and all measured numbers are equal bit for bit, it notes the digests of both in
-``results/published/carried.json``: what was published of the one is published of the other. Else it names what differs,
-and ``mbsbench run referee`` is needed. Costs are no part of it: they are those of the code that was timed.
+of suite ``referee`` drawn by the hash of PARENT with one more of each problem and solver that were not drawn, by the
+code of PARENT and by the present one, under the same pinned arithmetic. Solvers of which all statuses and all measured
+numbers are equal bit for bit are noted with the digests of both in ``results/published/carried.json``: what was
+published of the one is published of the other. The others are named: what is published of them is to be made anew.
+Costs are no part of it: they are those of the code that was timed.
 """
 
 import json
@@ -13,7 +14,6 @@ import random
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock  # a watcher that says nothing
@@ -30,7 +30,7 @@ RUN = "run"  # the word by which this file, called again, makes the runs with th
 
 
 def main(parent: str) -> int:
-    """Return 0 if all runs are equal and the file is written, else 1."""
+    """Return 0 if something is carried over, and the file is written, else 1."""
     commit = _git("rev-parse", "--verify", f"{parent}^{{commit}}")
     with tempfile.TemporaryDirectory() as place:
         before = Path(place) / "before"
@@ -44,19 +44,22 @@ def main(parent: str) -> int:
         found = [[r for r in newest(load(Path(place) / f"{tree.name}-runs").records) if is_repeatable(r)]
                  for tree in (before, there)]  # fmt: skip
         comparison = compare(*found)
-    differing = sorted({c.case for c in comparison.changes} | {*comparison.only_before, *comparison.only_after})
-    if differing or not comparison.compared:
-        first = f" (the first: {comparison.changes[0]})" if comparison.changes else ""
-        _say(
-            f"not carried over: {len(differing)} of {comparison.compared} runs differ from those of {commit[:8]}{first}"
-        )
-        for case in differing:
-            _say(f"  {case}")
+    cases = {c.case for c in comparison.changes} | {*comparison.only_before, *comparison.only_after}
+    differing = sorted({r.solver for r in (*found[0], *found[1]) if r.case in cases})
+    for case in sorted(cases):
+        first = next((c for c in comparison.changes if c.case == case), None)
+        _say(f"differs: {case}{f': {first.metric} {first.before} -> {first.after}' if first else ''}")
+    equal = [r for r in found[1] if r.solver not in differing]
+    if not equal:
+        _say(f"nothing is carried over from {commit[:8]}")
         return 1
-    shown = f"{comparison.compared} runs of suites ci and referee, bit for bit"
+    shown = f"{len(equal)} runs of suites ci and referee, bit for bit"
+    solvers, problems = {r.solver for r in equal}, {r.problem for r in equal}
     old = Generation(**digests[0], commit=commit, shown=shown)
-    FILE.write(to_json(carry(old, present(), read_carried())) + "\n")
+    FILE.write(to_json(carry(old, present(), read_carried(), solvers, problems)) + "\n")
     _say(f"carried over from {commit[:8]}: {shown}")
+    if differing:
+        _say(f"not carried over, {len(cases)} runs differ: {', '.join(differing)}")
     return 0
 
 
@@ -64,15 +67,15 @@ def make_runs(folder: Path, seed: str) -> None:
     """Make the runs with the package that is imported; prints its digests."""
     from mbsbench.harness.execution.runner import Request, run_suite
     from mbsbench.harness.results import codes
-    from mbsbench.harness.suites.spec import RunSpec
     from mbsbench.harness.suites.suite import Suite, load_suite
 
-    def draw(specs: Sequence[RunSpec]) -> list[RunSpec]:
-        return random.Random(seed).sample(sorted(specs, key=lambda s: s.settings_id), DRAWN)
-
-    drawn = draw(load_suite("referee").specs)
-    ci = load_suite("ci").specs
-    specs = tuple({s.settings_id: s for s in (*drawn, *ci)}.values())
+    known = sorted(load_suite("referee").specs, key=lambda s: s.settings_id)
+    random.Random(seed).shuffle(known)
+    drawn = [*load_suite("ci").specs, *known[:DRAWN]]
+    for name in ("problem", "solver"):
+        met = {getattr(s, name) for s in drawn}
+        drawn += {getattr(s, name): s for s in known if getattr(s, name) not in met}.values()
+    specs = tuple({s.settings_id: s for s in drawn}.values())
     suite = Suite("carried", "runs by two states of the code", specs, "")
     run_suite(Request(suite, folder, os.cpu_count() or 1), MagicMock())
     here = codes.package_sources()

@@ -2,9 +2,10 @@
 
 A digest changes with every name in the code. What is published stays true of code whose runs have the same bits:
 ``docs/carry_over.py`` makes suite ``ci`` and a hundred runs of suite ``referee`` by an earlier commit and by the
-present code, and only where all are equal writes both into ``results/published/carried.json``.
+present code, and notes in ``results/published/carried.json`` the digests of both, of solvers whose runs are all equal.
 """
 
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
@@ -40,7 +41,8 @@ class Generation(Shape, frozen=True):
 
     def code_of(self, problem: str, solver: str) -> str:
         """Return the digest that a run of that time has as its column ``code``."""
-        return codes.digest_run(self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring)
+        known = self.solvers.get(solver), self.problems.get(problem)
+        return codes.digest_run(known[0] or "", known[1] or "", self.measuring) if all(known) else ""
 
 
 class Carried(Shape, frozen=True):
@@ -88,7 +90,15 @@ def bring_forward(code: Code) -> Code:
     return msgspec.structs.replace(code, solvers=next(now), problems=next(now), measuring=here.measuring)
 
 
-def carry(before: Generation, after: Generation, known: Carried | None) -> Carried:
-    """Add a generation: what was equal to ``before`` is equal to ``after``."""
+def carry(
+    before: Generation, after: Generation, known: Carried | None, solvers: Collection[str], problems: Collection[str]
+) -> Carried:
+    """Add a generation: what was equal to ``before`` is equal to ``after``, of these solvers and problems."""
     continues = known is not None and known.now.is_same_code(before)
-    return Carried(after, (*(known.before if known and continues else ()), before))
+    return Carried(after, tuple(_restrict(g, solvers, problems)
+                                for g in (*(known.before if known and continues else ()), before)))  # fmt: skip
+
+
+def _restrict(g: Generation, solvers: Collection[str], problems: Collection[str]) -> Generation:
+    own = {k: v for k, v in g.solvers.items() if k in solvers}
+    return msgspec.structs.replace(g, solvers=own, problems={k: v for k, v in g.problems.items() if k in problems})

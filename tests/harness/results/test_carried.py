@@ -10,6 +10,7 @@ from mbsbench.harness.results.codes import code_of
 from mbsbench.harness.results.judgements.claims import Code
 
 FIRST = Generation({"rattle": "r1"}, {"chain": "c1"}, "m1", "commit 1")
+ALL = {"rattle"}, {"chain"}
 SECOND = Generation({"rattle": "r2"}, {"chain": "c1"}, "m1", "commit 2")
 
 
@@ -17,7 +18,7 @@ SECOND = Generation({"rattle": "r2"}, {"chain": "c1"}, "m1", "commit 2")
 def published(tmp_path, monkeypatch):
     """Two generations before the present code, in a file of its own."""
     path = tmp_path / "carried.json"
-    path.write_text(to_json(carry(SECOND, present(), carry(FIRST, SECOND, None))))
+    path.write_text(to_json(carry(SECOND, present(), carry(FIRST, SECOND, None, *ALL), *ALL)))
     monkeypatch.setattr(carried, "read_carried", lambda: read_carried(path))
     carried.list_equal.cache_clear()
     yield path
@@ -56,8 +57,16 @@ def test_a_change_after_the_last_carry_ends_it(published):
 
 def test_a_chain_begins_anew_where_a_link_is_missing():
     """What was carried to code that nobody compared with this parent says nothing about it."""
-    assert carry(SECOND, present(), carry(FIRST, SECOND, None)).before == (FIRST, SECOND)
-    assert carry(SECOND, present(), carry(FIRST, FIRST, None)).before == (SECOND,)
+    assert carry(SECOND, present(), carry(FIRST, SECOND, None, *ALL), *ALL).before == (FIRST, SECOND)
+    assert carry(SECOND, present(), carry(FIRST, FIRST, None, *ALL), *ALL).before == (SECOND,)
+
+
+def test_a_solver_whose_runs_differ_is_left_out_of_all_generations():
+    """Its published results are older than its code, whatever was shown of it before."""
+    found = carry(SECOND, present(), carry(FIRST, SECOND, None, *ALL), {"other"}, {"chain"})
+    assert all(not g.solvers and g.problems for g in found.before)
+    assert not any(g.includes(Code({"rattle": "r1"}, {}, "m1", "", "")) for g in found.before)
+    assert not any(g.code_of("chain", "rattle") for g in found.before)
 
 
 def test_a_damaged_file_is_named(tmp_path):
