@@ -10,13 +10,11 @@ Costs are no part of it: they are those of the code that was timed.
 
 import json
 import os
-import random
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
-from unittest.mock import MagicMock  # a watcher that says nothing
 
 from mbsbench.harness import machine
 from mbsbench.harness.files import to_json
@@ -24,9 +22,6 @@ from mbsbench.harness.results.carried import FILE, Generation, carry, present, r
 from mbsbench.harness.results.comparison import compare, is_repeatable
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.store import load, newest
-
-DRAWN = 100
-RUN = "run"  # the word by which this file, called again, makes the runs with the package that PYTHONPATH names
 
 
 def main(parent: str) -> int:
@@ -63,30 +58,11 @@ def main(parent: str) -> int:
     return 0
 
 
-def make_runs(folder: Path, seed: str) -> None:
-    """Make the runs with the package that is imported; prints its digests."""
-    from mbsbench.harness.execution.runner import Request, run_suite
-    from mbsbench.harness.results import codes
-    from mbsbench.harness.suites.suite import Suite, load_suite
-
-    known = sorted(load_suite("referee").specs, key=lambda s: s.settings_id)
-    random.Random(seed).shuffle(known)
-    drawn = [*load_suite("ci").specs, *known[:DRAWN]]
-    for name in ("problem", "solver"):
-        met = {getattr(s, name) for s in drawn}
-        drawn += {getattr(s, name): s for s in known if getattr(s, name) not in met}.values()
-    specs = tuple({s.settings_id: s for s in drawn}.values())
-    suite = Suite("carried", "runs by two states of the code", specs, "")
-    run_suite(Request(suite, folder, os.cpu_count() or 1), MagicMock())
-    here = codes.package_sources()
-    sys.stdout.write(json.dumps({"solvers": here.solvers, "problems": here.problems, "measuring": here.measuring}))
-
-
 def _make_runs(tree: Path, folder: Path, seed: str) -> dict[str, Any]:
     """Make the runs with the package in ``tree``, in processes of their own; its digests."""
     _say(f"runs by the code {tree.name} the change")
     env = {**os.environ, **machine.THREADS, **machine.variables(), "PYTHONPATH": str(tree)}
-    call = (sys.executable, __file__, RUN, str(folder), seed)
+    call = (sys.executable, str(Path(__file__).with_name("carry_over_runs.py")), str(folder), seed)
     done = subprocess.run(call, cwd=tree, env=env, stdout=subprocess.PIPE, check=True, text=True)
     digests: dict[str, Any] = json.loads(done.stdout)
     return digests
@@ -101,9 +77,4 @@ def _say(words: str) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 4 and sys.argv[1] == RUN:
-        make_runs(Path(sys.argv[2]), sys.argv[3])
-    elif len(sys.argv) == 2:
-        sys.exit(main(sys.argv[1]))
-    else:
-        sys.exit("usage: python docs/carry_over.py PARENT")
+    sys.exit(main(sys.argv[1]) if len(sys.argv) == 2 else "usage: python docs/carry_over.py PARENT")
