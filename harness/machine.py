@@ -48,7 +48,7 @@ TARGETS = {
         "ARMV8", "generic", frozenset(("asimd",)), frozenset(("NEON", "NEON_FP16", "NEON_VFPV4", "ASIMD"))
     ),
 }  # fmt: skip
-ASK = "import numpy; s = numpy.show_config('dicts')['SIMD Extensions']; print(*s.get('found', []), *s.get('not found', []))"
+ASK = "import numpy; s = numpy.show_config('dicts')['SIMD Extensions']; print(*s['found'], *s.get('not found', ()))"
 NAMES = re.compile(r"[A-Z0-9_ ]*")
 _before: dict[str, str | None] = {}  # what ``pin`` found preset, for ``unpin``
 
