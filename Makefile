@@ -22,10 +22,13 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 	if test -t 2; then printf '\r%d s ' $$n >&2; fi; sleep 1; n=$$((n + 1)); done; \
 	if test -t 2; then echo >&2; fi; wait $$job
 apt = { apt-get update -qq && apt-get install -y -qq --no-install-recommends $(1); } >&2
+QEMU := $(VENV)/qemu
+BACKPORTS := -o Dir::Etc::sourcelist=$(CURDIR)/$(QEMU)/list -o Dir::Etc::sourceparts=- -o Dir::State::lists=$(CURDIR)/$(QEMU)/lists -o Dir::Cache=$(CURDIR)/$(QEMU)/cache
+COMPARE := $(BIN)/python tests/processors/compare_bits.py
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-shapes test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints article tex slurm test-slurm clean
+.PHONY: help setup test test-shapes test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -139,6 +142,16 @@ slurm: ## install SLURM for its test (apt, as root)
 
 test-slurm: $(CLUSTER) slurm ## run a suite on a SLURM of one node, started for the test (as root)
 	$(BIN)/python -m pytest -q -rs --benchmark-disable tests/harness/execution/test_slurm.py
+
+qemu: $(READY) ## install qemu-user, which emulates processors (apt, as root); where it errs, a newer one of backports in .venv/qemu
+	@command -v qemu-x86_64 >/dev/null || test -x $(QEMU)/usr/bin/qemu-x86_64 || $(call apt,qemu-user)
+	@$(COMPARE) --check 2>/dev/null || { mkdir -p $(QEMU)/lists/partial $(QEMU)/cache/archives/partial && . /etc/os-release && \
+	echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian $$VERSION_CODENAME-backports main" >$(QEMU)/list && \
+	apt-get -qq $(BACKPORTS) update && cd $(QEMU) && apt-get -qq $(BACKPORTS) download qemu-user && dpkg -x qemu-user_*.deb . && rm qemu-user_*.deb; } >&2 || true
+	@$(COMPARE) --check
+
+test-processors: qemu ## compare bits of short runs and suite `ci` with those on an emulated Haswell (20 minutes), or on PROCESSORS; with SHORT=1 short runs alone
+	$(call moving,$(COMPARE) --processors $(or $(PROCESSORS),Haswell) --suites families $(if $(SHORT),,ci),comparing bits with those of an emulated processor)
 
 report: $(READY) ## write the report of the newest results
 	$(BIN)/mbsbench report

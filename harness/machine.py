@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 from .cache import ROOT, cache_folder
 
 NATIVE = "MBSBENCH_NATIVE"
+ENABLED = "NPY_ENABLE_CPU_FEATURES"  # beside the names of what is disabled, NumPy refuses to load
 THREADS = dict.fromkeys((  # one thread: timings mean CPU time of one core, and results do not depend on how many
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
     "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS",
@@ -47,7 +48,7 @@ TARGETS = {
         "ARMV8", "generic", frozenset(("asimd",)), frozenset(("NEON", "NEON_FP16", "NEON_VFPV4", "ASIMD"))
     ),
 }  # fmt: skip
-ASK = "import numpy; print(*numpy.show_config('dicts')['SIMD Extensions']['found'])"
+ASK = "import numpy; s = numpy.show_config('dicts')['SIMD Extensions']; print(*s['found'], *s.get('not found', ()))"
 NAMES = re.compile(r"[A-Z0-9_ ]*")
 _before: dict[str, str | None] = {}  # what ``pin`` found preset, for ``unpin``
 
@@ -62,6 +63,8 @@ def pin() -> None:
     for name, value in variables().items():
         _before.setdefault(name, os.environ.get(name))
         os.environ[name] = value
+    if variables():
+        _before.setdefault(ENABLED, os.environ.pop(ENABLED, None))
 
 
 def unpin() -> None:
@@ -104,10 +107,12 @@ def find_deviations() -> list[str]:
     loops = sorted(set(list_features()) - target.loops)
     kernels = sorted({k for k in list_kernels() if k and k.lower() != target.kernels.lower()})
     cpu, _ = llvm_target()
+    tunables = os.environ.get("GLIBC_TUNABLES", "")  # read before anything of ours: it cannot be pinned
     return [
         *([f"NumPy uses {', '.join(loops)}"] if loops else []),
         *([f"OpenBLAS uses kernels of {', '.join(kernels)}"] if kernels else []),
         *([f"LLVM compiles for {cpu}"] if cpu != target.compiled else []),
+        *(["GLIBC_TUNABLES chooses functions of the C library"] if "glibc.cpu.hwcaps" in tunables else []),
     ]
 
 
@@ -159,9 +164,10 @@ def _flags() -> frozenset[str]:
 
 
 def _list_unwanted(target: Target) -> tuple[str, ...]:
-    """NumPy's names of what it is to do without: it complains of names that it does not choose from here.
+    """NumPy's names of what it is to do without: it complains of names that its build does not choose from.
 
-    So it is asked, in a process of its own as it reads the environment once, and its answer is kept for that build.
+    So it is asked, in a process of its own as it reads the environment once, and its answer is kept for that build:
+    all names, whatever this processor has, since one that is emulated, or another of a cluster, may read them.
     """
     kept = _kept_names()
     names = _read(str(kept)).strip()
@@ -178,10 +184,10 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
 
 
 def _kept_names() -> Path:
-    """The file with the names that this build of NumPy has on a processor of these flags."""
+    """The file with the names that this build of NumPy has."""
     spec = importlib.util.find_spec("numpy")
     built = Path(spec.origin).stat().st_mtime_ns if spec and spec.origin else 0
-    parts = importlib.metadata.version("numpy"), str(built), *sorted(_flags())
+    parts = importlib.metadata.version("numpy"), str(built), ASK
     digest = hashlib.sha256(" ".join(parts).encode()).hexdigest()[:16]
     return cache_folder("machine", ROOT / "results" / "local") / f"numpy-{parts[0]}-{digest}.txt"
 

@@ -13,7 +13,10 @@ from mbsbench.harness.results import provenance
 from mbsbench.harness.results.environment import ROOT
 
 pytestmark = pytest.mark.skipif(not machine.variables(), reason="this processor is none that the pin knows")
-SHAPING = (machine.NATIVE, "OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+SHAPING = (
+    machine.NATIVE, machine.ENABLED, "OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME",
+    "NUMBA_CPU_FEATURES", "GLIBC_TUNABLES",
+)  # fmt: skip
 DESCRIBE = """
 import json, mbsbench
 from mbsbench.harness.results import environment
@@ -42,7 +45,14 @@ def run(program: str, *first: str, **preset: str) -> subprocess.CompletedProcess
     return subprocess.run(words, cwd=ROOT, env={**bare, **preset}, capture_output=True, text=True, check=True)
 
 
-@pytest.mark.parametrize("preset", [{}, {"OPENBLAS_CORETYPE": "Sandybridge", "NUMBA_CPU_NAME": "generic"}])
+@pytest.mark.parametrize(
+    "preset",
+    [
+        {},
+        {"OPENBLAS_CORETYPE": "Sandybridge", "NUMBA_CPU_NAME": "generic"},
+        {machine.ENABLED: "X86_V3"},  # beside the pin's list of what is disabled, NumPy would refuse to load
+    ],
+)
 def test_what_is_preset_loses(preset):
     """A kernel that somebody's shell presets would decide the last digits of every motion."""
     pinned, simd, llvm, kernels = json.loads(run(DESCRIBE, **preset).stdout)
@@ -91,3 +101,17 @@ def test_kernels_are_a_cause_of_different_digits():
 def test_numpy_is_not_asked_to_do_without_what_it_does_not_know():
     """It would warn of it, which is an error where warnings are."""
     run("import mbsbench, numpy", "-W", "error")
+
+
+def test_names_do_not_depend_on_the_processor():
+    """One that is emulated, or another of a cluster with the same files, may ask first, and has fewer features."""
+    wanted = "import numpy; s = numpy.show_config('dicts')['SIMD Extensions']; print(*s['found'], *s['not found'])"
+    names = set(run(wanted).stdout.split()) - machine.TARGETS[platform.machine()].loops
+    assert set(machine.variables()["NPY_DISABLE_CPU_FEATURES"].split()) == names
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another C library")
+def test_another_choice_of_the_c_library_is_named():
+    """It reads its own variable before anything of ours runs: that cannot be pinned, and sines are then other ones."""
+    pinned, *_ = json.loads(run(DESCRIBE, GLIBC_TUNABLES="glibc.cpu.hwcaps=-AVX2,-FMA").stdout)
+    assert not pinned
