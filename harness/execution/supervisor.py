@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..catalogue import registry
+from ..code_meter import listen_to_numba
 from ..files import FileError
 from ..metrics import passes
 from ..results import store
@@ -136,6 +137,7 @@ def preload() -> None:
     """Import what runs need, so that forks have it; freeze it, so that the collector does not copy its pages."""
     import gc
 
+    listen_to_numba()
     for catalogue in (registry.problems(), registry.solvers()):
         tuple(catalogue.values())
     gc.collect()
