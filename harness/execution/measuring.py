@@ -49,7 +49,8 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
             return _salvage(job, problem, bare)
         about: dict[str, Any] = {"peak_memory_MB": bare.peak_memory_MB, "cpu_process_s": bare.cpu_process_s}
         if handover.report.claimed is None:
-            failed = cut_short(job, handover.report.by, message=handover.report.message, **handover.columns, **about)
+            known = {"code_s": bare.code_s, **handover.columns, **about}
+            failed = cut_short(job, handover.report.by, message=handover.report.message, **known)
             return _salvage(job, problem, dataclasses.replace(failed, section=problem.section, t_end_s=problem.t_end))
         if bare.ended_by == EndedBy.SUSPENDED and handover.report.claimed is Status.STALLED:
             about["ended_by"] = bare.ended_by  # its limit passed while nothing ran

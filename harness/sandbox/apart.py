@@ -118,6 +118,11 @@ class Apart:
         made = self._page.seconds(cpu, self._slot)
         return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over, made)
 
+    @property
+    def code_seconds(self) -> float:
+        """CPU time [s] of making code, as it says itself."""
+        return self._page.seconds(self._used, self._slot)
+
     def _check_limits(self, now: float) -> None:
         """On the sum over its tree: the limit that the system keeps is on each process."""
         if self.killed:
@@ -130,7 +135,7 @@ class Apart:
             own = cpu_seconds() if self.above == "here" else 0.0
             used = max(sum(self.used.values()), cpu_seconds_below(self.root) - own)  # who waited knows short children
             self._used = used
-        made = self._page.seconds(self._used, self._slot)
+        made = self.code_seconds
         solving, late = self._used - made, self.deadline + SLACK * min(made, self.code)
         self.over = "code" if made > self.code + 1.0 else "cpu" if solving > self.limit + 1.0 else ""
         self.over = "wall" if now > late else self.over
