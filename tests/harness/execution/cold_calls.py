@@ -1,7 +1,8 @@
 """Calls of solvers in a process that keeps no code yet: what they make outside the meter, by the compilers' own events.
 
-``python -m mbsbench.tests.harness.execution.cold_calls SOLVER:PROBLEM ...`` with ``MBSBENCH_CACHE`` set to an empty
-folder; writes a line of JSON for each call.
+``python -m mbsbench.tests.harness.execution.cold_calls CALL ...`` with ``MBSBENCH_CACHE`` set to an empty folder writes
+a line of JSON for each. A call is ``SOLVER[:PROBLEM[:T_END[:DT]]]``, with all options of the suites; with ``!`` behind
+it pivots of code in joint coordinates count as poor, so that it is made anew.
 """
 
 import contextlib
@@ -25,6 +26,7 @@ from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Problem
 from mbsbench.solvers.formulations.compiled import host
+from mbsbench.solvers.formulations.joint_coordinates import marching, symplectic
 
 OF_LLVM = (  # all machine code goes through these: ours, and numba's
     (llvm, "parse_assembly"), (llvm, "parse_bitcode"), (llvm, "create_mcjit_compiler"),
@@ -32,6 +34,9 @@ OF_LLVM = (  # all machine code goes through these: ours, and numba's
     (llvm.ExecutionEngine, "add_module"), (llvm.ExecutionEngine, "finalize_object"),
 )  # fmt: skip
 OF_CASADI = ((ca, "jacobian"), (ca, "substitute"), (ca, "jtimes"), (ca.SX, "sym"), (ca.Function, "__init__"))
+SAFE = marching.LEAST_PIVOT, symplectic.POOR_PIVOT
+POOR = 0.999  # of its start: a pivot below it is poor
+LIMIT = 1.0  # [s] of CPU: ten times what any call takes, a tenth of what its code does
 SHORT = 1e-2  # [s]: some steps of error-controlled solvers
 
 
@@ -86,16 +91,33 @@ def call(events: Events, spec: RunSpec, t_end: float | None = None) -> dict[str,
     """One call as a worker times it, and what was made in it."""
     problem, solver = shorten(spec, t_end), registry.make_solver(spec.solver, spec.options)
     before, code = cpu_seconds(), code_seconds()
-    with events.watched():
-        handed = solve(problem, solver, spec.control)
+    with events.watched(), marchers_counted() as marchers:
+        handed = solve(problem, solver, dataclasses.replace(spec.control, cpu_limit=LIMIT))
     spent, made = cpu_seconds() - before, code_seconds() - code
     cost = {name: float(value) for name, value in handed.report.cost.items()}
+    notes, own = (t.notes, t.cpu_time) if (t := handed.trajectory) else ((), 0.0)
     return {
-        "solver": spec.solver, "problem": spec.problem, "options": dict(spec.options),
-        "status": str(handed.report.claimed), "notes": handed.report.notes if handed.trajectory is None else
-        handed.trajectory.notes, "metered": dict(events.metered), "unmetered": dict(events.unmetered),
-        "spent": spent, "made": made, "cost": cost,
+        "solver": spec.solver, "problem": spec.problem, "options": dict(spec.options), "t_end": t_end,
+        "status": str(handed.report.claimed), "notes": notes, "marchers": len(marchers),
+        "metered": dict(events.metered), "unmetered": dict(events.unmetered), "spent": spent, "made": made,
+        "cost": cost, "own": own,
     }  # fmt: skip
+
+
+@contextlib.contextmanager
+def marchers_counted() -> Iterator[list[object]]:
+    """Every method at work on a kernel: a second one is a second route."""
+    found, plain = list[object](), host.Marcher.__init__
+
+    def counted(self: host.Marcher, *given: Any) -> None:
+        found.append(self)
+        plain(self, *given)
+
+    host.Marcher.__init__ = counted  # type: ignore[method-assign]
+    try:
+        yield found
+    finally:
+        host.Marcher.__init__ = plain  # type: ignore[method-assign]
 
 
 def cases_of_suites(suites: Sequence[str]) -> list[RunSpec]:
@@ -111,17 +133,18 @@ def cases_of_suites(suites: Sequence[str]) -> list[RunSpec]:
 
 
 def main(chosen: Sequence[str]) -> None:
-    """Calls of the solvers named, ``SOLVER`` or ``SOLVER:PROBLEM:T_END``, with options of the suites."""
+    """Write what comes of the calls that are named."""
     listen_to_numba()
     host.EVALUATIONS_THAT_PAY = 0  # runs change to code of the mechanism at once
     events = Events()
     specs = cases_of_suites(("ci", "bench", "paper", "library", "long"))
     for name in chosen:
-        solver, _, rest = name.partition(":")
-        problem, _, t_end = rest.partition(":")
+        solver, problem, t_end, dt = (*name.rstrip("!").split(":"), "", "", "")[:4]
+        marching.LEAST_PIVOT, symplectic.POOR_PIVOT = (POOR, POOR) if name.endswith("!") else SAFE
         for spec in specs:
             if spec.solver == solver and problem in ("", spec.problem):
-                found = call(events, spec, float(t_end) if t_end else None)
+                steps = dataclasses.replace(spec.control, dt=float(dt)) if dt else spec.control
+                found = call(events, dataclasses.replace(spec, control=steps), float(t_end) if t_end else None)
                 sys.stdout.write(json.dumps(found, default=list) + "\n")
                 sys.stdout.flush()
 
