@@ -1,4 +1,4 @@
-"""CPU times on empty caches beside five warm repeats: ``python -m mbsbench.tests.benchmarks.cold_and_warm [SOLVER ...]``.
+"""CPU times on empty caches beside warm ones: ``python -m mbsbench.tests.benchmarks.cold_and_warm [SOLVER ...]``.
 
 Each solver of the suite ``ci`` runs the first settings of up to two problems, each time in a new process that has the
 code of no other: once with an empty cache, then five times with what that has left there. The exit code is 1 where a
