@@ -28,7 +28,7 @@ COMPARE := $(BIN)/python tests/processors/compare_bits.py
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-shapes test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
+.PHONY: help setup test test-shapes test-python test-engines engines test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -158,6 +158,9 @@ report: $(READY) ## write the report of the newest results
 
 gate: $(READY) ## run the suite `ci` and compare it with results/baselines/ci.toml
 	$(BIN)/mbsbench gate
+
+timing: $(READY) ## compare CPU times of suite `ci` on empty caches with five warm repeats, solver by solver (about 15 minutes)
+	$(BIN)/python -m mbsbench.tests.benchmarks.cold_and_warm
 
 bench-kernels: $(READY) ## time the kernels and compare with the last timings of this machine
 	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-autosave --benchmark-storage results/local/kernels \

@@ -51,8 +51,14 @@ class Done(Message, frozen=True):
     error: str = ""
 
 
+class Made(Message, frozen=True):
+    """CPU time [s] that warm-up and the code of runs have taken so far, which no budget counts."""
+
+    seconds: float
+
+
 Order = Warm | Start | Stop
-News = Warmed | Done
+News = Warmed | Done | Made
 
 
 def line_of(message: Message) -> bytes:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..cache import cache_folder
+from ..code_meter import making_code
 from ..machine import llvm_target
 
 LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # known by their names and versions
@@ -27,6 +28,7 @@ class Unknown(Exception):
     """Something that no digest can be made of."""
 
 
+@making_code
 def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any) -> Any:
     """Numba's C callback of ``function``, from disk where it was compiled before."""
     from numba.core.ccallback import CFunc

@@ -16,6 +16,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from ....harness.cache import cache_folder
+from ....harness.code_meter import making_code
 from ....harness.machine import llvm_target
 from ....harness.places import Place
 
@@ -31,6 +32,7 @@ LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on 
 class Code:
     """Functions loaded in this process. Their addresses are valid as long as this lives: keep it with them."""
 
+    @making_code
     def __init__(self, ir: str | Callable[[], str], key: str = "") -> None:
         """From IR; or from what prints it, which is called only if nothing is kept under ``key``."""
         self._machine = _machine()
@@ -50,6 +52,7 @@ class Code:
         return ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
 
 
+@making_code
 def compile_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> Code:
     """Code with one function for each name; a tuple (inputs, outputs) of CasADi's SX is a ``Straight``.
 
@@ -58,6 +61,7 @@ def compile_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[
     return Code(print_functions(functions))
 
 
+@making_code
 def print_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> str:
     """The IR of ``compile_functions``."""
     from .functions import Straight

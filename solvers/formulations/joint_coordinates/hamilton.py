@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ....harness.code_meter import making_code
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
@@ -51,6 +52,7 @@ class HamiltonCode(NamedTuple):
     operations: int  # of ``stage``
 
 
+@making_code
 def make_hamilton_code(
     system: MultibodySystem, tree: Tree, at: np.ndarray | None = None, *, radial: bool = False
 ) -> HamiltonCode:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.clock import cpu_seconds
+from ....harness.code_meter import Stopwatch
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled.algebra import clear, copy
 from ..compiled.entries import Bound, inner, run
@@ -359,20 +359,17 @@ def refusal(problem: Problem) -> str | None:
 
 def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radial: bool = False) -> Trajectory:
     """March to the end or to a failure, which is a status."""
-    began = cpu_seconds()
+    watch = Stopwatch()
     state = new_control(t_end=problem.t_end, dt=control.dt or 0.0)
     try:
         marcher = Marcher(problem, state, tableau, radial=radial)
     except ValueError as error:
         return no_trajectory(problem, Status.REFUSED, str(error))
     relay = Relay(problem, marcher)
-    out = _march(problem, control, METHOD, relay, cpu_seconds() - began)
+    out = _march(problem, control, METHOD, relay, watch)
     notes = [f"code of {marcher.hamilton.operations} operations a stage"]
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
     if not problem.system.is_conservative:
         notes.append("dampers, loads or drives act: the order holds, a claim on energy does not")
-    return dataclasses.replace(
-        out, notes=(*notes, *relay.notes), cpu_time=out.cpu_time - relay.set_up,
-        setup_time=out.setup_time + relay.set_up,
-    )  # fmt: skip
+    return dataclasses.replace(out, notes=(*notes, *relay.notes))
