@@ -19,7 +19,7 @@ from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool
-from ..types import EndedBy, Problem, Solver, Status, StepControl, Trajectory
+from ..types import EndedBy, NotInstalled, Problem, Solver, Status, StepControl, Trajectory
 from . import handover
 from .contract import check_trajectory, raised_at, refusal, repeated_cost, split_cost
 from .handover import Handover, SolverReport
@@ -74,7 +74,8 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
         "cpu_refuses_s": cpu_seconds_of_tree() - began,
     }
     if reason:
-        return Handover(SolverReport(claimed=Status.REFUSED, message=reason, cost=_exact(before), **about), None)
+        about["missing_package"] = reason.package if isinstance(reason, NotInstalled) else ""
+        return Handover(SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_exact(before), **about), None)
     trajectory, cost = solve_repeatedly(called, problem, control, repeats)
     cost["setup_s"] += sum(before.values())
     if cost.pop("left_out"):
