@@ -28,7 +28,7 @@ COMPARE := $(BIN)/python tests/processors/compare_bits.py
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-shapes test-python test-engines engines test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
+.PHONY: help setup test test-shapes test-python test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -84,6 +84,9 @@ test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from 
 	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue \
 		tests/harness/foreign tests/harness/fuzz tests/cli/test_questions.py
 	$(BIN)/python -m pytest -q -n 2 -m slow --benchmark-disable tests/cli/test_questions.py
+
+test-arm64: $(READY) ## compare the gate's cases, shortened, with an emulated arm64 bit for bit; half an hour (apt, as root)
+	sh tests/emulation/arm64.sh
 
 $(DOCS): requirements-docs.lock $(READY)
 	$(call moving,$(PIP) -r requirements-docs.lock,installing requirements-docs.lock)

@@ -8,6 +8,9 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import NoReturn
 
+if not hasattr(os, "fork"):  # before the imports below fail, one by one, on what Windows does not have
+    sys.exit("error: mbsbench runs solvers in forked processes, which Windows does not have: use WSL")
+
 from ..harness import machine
 from .commands import add_commands
 from .parser import UsageError, top_parser

@@ -278,6 +278,8 @@ def _add_gate(commands: Any) -> None:
     p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
     p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
     p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
+    without = "judge without the runs that need this package, where it is not installed; once for each"
+    p.add_argument("--without", metavar="PACKAGE", action="append", default=[], help=without)
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
     p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
     spread = "with --update: bounds around N repeats that differ by rounding"

@@ -52,6 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
         needs = name in ("loosen", "write", "spread")
         if getattr(arguments, name) not in (None, False) and arguments.update is not needs:
             raise UsageError(f"--{name} {'needs' if needs else 'cannot be combined with'} --update")
+    if arguments.without and arguments.update:
+        raise UsageError("--without cannot be combined with --update, which leaves unmeasured runs as they are")
     if arguments.spread is not None and (arguments.spread < 1 or arguments.loosen or suite.name == REFEREED):
         raise UsageError("--spread takes a number of repeats from 1, of runs of a suite, without --loosen")
     if arguments.update:
@@ -74,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
         return _update(path, new, write=arguments.write)
-    result = judge(specs, records, thresholds, code)
+    result = judge(specs, records, thresholds, code, arguments.without)
     if arguments.json:
         print_json(as_plain(result, suite.name))
     else:
@@ -124,9 +126,10 @@ def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[
 def _print(result: Judged, *, everything: bool) -> None:
     shown = result.findings if everything else result.notable
     print_findings(map(_say_before, shown))
-    if more := len(result.findings) - len(shown):
+    if more := sum(f.verdict is Verdict.MET and f not in shown for f in result.findings):
         console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
-    console().print(Text(f"gate {'open' if result.is_open else 'CLOSED'}: {result.summary}", STYLE[result.verdict]))
+    words = f"{result.headline} ({result.summary})" if result.absent else f"{result.headline}: {result.summary}"
+    console().print(Text(f"gate {words}", STYLE[result.verdict]), soft_wrap=True)
 
 
 def _say_before(f: Finding) -> Finding:

@@ -18,6 +18,7 @@ from ..harness.execution.runner import Executor, Request, run_suite
 from ..harness.results.records import RunRecord
 from ..harness.results.store import Loaded, Unreadable
 from ..harness.results.words import why
+from ..harness.sandbox.isolation import describe_lacking
 from ..harness.types import Status
 from .terminal import list_unreadable, plural, status_style
 
@@ -54,6 +55,8 @@ class Watch:
         kept = f", {self.before} already done" if self.before else ""
         if not further:
             self._say(f"{plural(total, 'run')}{kept}{f', results in {folder}' if self.resumable else ''}")
+            if lacking := describe_lacking():
+                self._say(lacking)
         for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
             self._say(line)
         self.tick()

@@ -18,6 +18,7 @@ from .formulations.ida import Beginning, integrate
 from .formulations.layout import Layout
 from .formulations.recording import Clock
 from .formulations.start import layout_for
+from .formulations.sundials import not_installed
 
 
 @solver("ida_index1")
@@ -28,6 +29,10 @@ class IdaIndex1(BaumgarteOptions):
     form: str = option("fi", "fully implicit (u' in the constraint row) or semi-explicit (M^-1)", choices=("fi", "se"))
 
     paper_label: ClassVar[str] = "DAE-FI"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """A missing package, and what all these solvers refuse."""
+        return not_installed() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)

@@ -21,6 +21,7 @@ from .formulations.layout import Layout, Stabilised
 from .formulations.recording import Clock
 from .formulations.refusals import without_phi
 from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
+from .formulations.sundials import not_installed
 
 
 @solver("ida_index2")
@@ -35,11 +36,11 @@ class IdaIndex2(ImplicitOptions):
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """An alpha that would do nothing, rows without phi in form ggl, and what all these solvers refuse."""
+        """An alpha that would do nothing, a missing package, rows without phi in form ggl, and what all refuse."""
         if self.form == "ggl" and self.alpha != type(self).alpha:
             return f"alpha = {self.alpha:g} acts in form velocity only: form ggl holds phi = 0 itself"
         reason = without_phi(problem.system) if self.form == "ggl" else None
-        return reason or super().refuses(problem, control)
+        return not_installed() or reason or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)

@@ -19,6 +19,7 @@ from .formulations.layout import Layout
 from .formulations.recording import Clock
 from .formulations.refusals import without_phi
 from .formulations.start import coordinates_and_velocities, layout_for, make_consistent
+from .formulations.sundials import not_installed
 
 
 @solver("ida_index3")
@@ -35,8 +36,8 @@ class IdaIndex3(ImplicitOptions):
     paper_label: ClassVar[str] = "IDA index 3 (ADAMS/MotionSolve class)"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi, and what all these solvers refuse."""
-        return without_phi(problem.system) or super().refuses(problem, control)
+        """A missing package, rows without phi, and what all these solvers refuse."""
+        return not_installed() or without_phi(problem.system) or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)

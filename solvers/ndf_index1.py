@@ -33,7 +33,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
 from .formulations.dae import ImplicitForm
-from .formulations.ida import tolerances
+from .formulations.error_test import tolerances
 from .formulations.layout import Layout
 from .formulations.newton import Scheme, maximum, ndf_newton, root_mean_square
 from .formulations.recording import Clock, StepFailure, march

@@ -33,6 +33,7 @@ class SolverReport(Shape, frozen=True, kw_only=True):
     claimed: Status | None = None  # None: it raised
     by: EndedBy = EndedBy.SOLVER
     message: str = ""
+    missing_package: str = ""  # of a refusal
     paper_label: str = ""
     declared_order: float | str = "nan"
     cost: dict[str, float | str] = msgspec.field(default_factory=dict)

@@ -86,6 +86,7 @@ def judge_handover(job: Job, problem: Problem, handover: Handover, spent: float 
             "claimed": str(handover.report.claimed),
             "ended_by": str(EndedBy.SOLVER),
             "message": handover.report.message,
+            "missing_package": handover.report.missing_package,
         }
         record = record_of(job, Status.REFUSED, section=problem.section, t_end_s=problem.t_end, **said, **known)
         return Outcome(record, problem)

@@ -20,7 +20,7 @@ from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool
-from ..types import EndedBy, Problem, Solver, Status, StepControl, Trajectory
+from ..types import EndedBy, NotInstalled, Problem, Solver, Status, StepControl, Trajectory
 from . import handover
 from .contract import Cost, check_trajectory, raised_at, refusal, repeated_cost, split_cost
 from .handover import Handover, SolverReport
@@ -76,8 +76,9 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
     before = {"cpu_import_s": imported, "cpu_refuses_s": cpu_seconds_of_tree() - began - in_refuses}
     code += in_refuses
     if reason:
+        about["missing_package"] = reason.package if isinstance(reason, NotInstalled) else ""
         cost = {**before, "code_s": code}
-        return Handover(SolverReport(claimed=Status.REFUSED, message=reason, cost=_exact(cost), **about), None)
+        return Handover(SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_exact(cost), **about), None)
     trajectory, cost = solve_repeatedly(called, problem, control, repeats)
     cost["setup_s"] += sum(before.values()) + code
     cost["code_s"] += code

@@ -202,7 +202,8 @@ class Oracle:
 
     def _refusal(self, solver: Solver, form: Form, step: StepControl) -> str | None:
         try:
-            return form.refuses(solver, self.problem, step)
+            reason = form.refuses(solver, self.problem, step)
+            return None if reason is None else str(reason)  # the log takes text alone
         except Exception as error:  # of code that is not ours: a result
             return f"{type(error).__name__}: {' '.join(str(error).split())}"
 

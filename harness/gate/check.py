@@ -1,13 +1,14 @@
 """The gate: records against thresholds. A missing run, an unjudged run and an empty run are failures.
 
-States, worst first: FAIL > XPASS (expected to fail, and did not) > XFAIL (expected to fail, and did) > PASS. FAIL
-and XPASS close the gate: a threshold that has become wrong must be put right in the commit that makes it so.
+States, worst first: FAIL > XPASS (expected to fail, and did not) > XFAIL (expected to fail, and did) > SKIP (a package
+that the caller named is not installed) > PASS. FAIL and XPASS close the gate: a threshold that has become wrong must be
+put right in the commit that makes it so. A run without its package fails, unless that package was named.
 """
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from msgspec.structs import replace
 
@@ -27,10 +28,14 @@ NO_BOUNDS = "no threshold for this run, and none can be proposed: it was {}; fix
 UNKNOWN = "the suite has no such run"
 MISSING = "no result: the run is missing"
 OTHER_CODE = "result of other code, so the run is missing (--any-code accepts it)"
+ABSENT = "not measured here: {}"
+UNNAMED = "{}; without it, the other runs are judged with --without {}"
 ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 
-STATES = {Verdict.FAILED: "FAIL", Verdict.XPASS: "XPASS", Verdict.XFAIL: "XFAIL", Verdict.MET: "PASS"}  # worst first
+STATES = {
+    Verdict.FAILED: "FAIL", Verdict.XPASS: "XPASS", Verdict.XFAIL: "XFAIL", Verdict.OPEN: "SKIP", Verdict.MET: "PASS",
+}  # worst first  # fmt: skip
 WORST = list(STATES)
 
 
@@ -44,11 +49,12 @@ class Judged:
     """All findings, the worst first: of cases (``subject``), on a metric or the status."""
 
     findings: tuple[Finding, ...]
+    absent: Mapping[str, str] = field(default_factory=dict)  # package that is missing, by the case it leaves unmeasured
 
     @property
     def verdict(self) -> Verdict:
         """The worst; FAILED when nothing was judged."""
-        return self.findings[0].verdict if self.findings else Verdict.FAILED
+        return next((f.verdict for f in self.findings if f.is_tested), Verdict.FAILED)
 
     @property
     def is_open(self) -> bool:
@@ -61,14 +67,29 @@ class Judged:
         return {state: sum(f.verdict is v for f in self.findings) for v, state in STATES.items()}
 
     @property
+    def cases(self) -> int:
+        """Number of cases, those that were not measured included."""
+        return len({f.subject for f in self.findings})
+
+    @property
+    def headline(self) -> str:
+        """``open`` or ``CLOSED``, and of how many cases, where some were not measured."""
+        word, n = "open" if self.is_open else "CLOSED", len(self.absent)
+        if not n:
+            return word
+        share = f" for {self.cases - n} of {self.cases}" if self.is_open else ""
+        return f"{word}{share}; {n} not measured here: {', '.join(sorted(set(self.absent.values())))}"
+
+    @property
     def summary(self) -> str:
-        """The counts in words."""
-        return ", ".join(f"{n} {state}" for state, n in self.counts.items() if n) or "nothing was judged"
+        """The counts of what was judged, in words."""
+        counted = {state: n for state, n in self.counts.items() if n and state != STATES[Verdict.OPEN]}
+        return ", ".join(f"{n} {state}" for state, n in counted.items()) or "nothing was judged"
 
     @property
     def notable(self) -> list[Finding]:
         """Findings that did not pass, or have moved."""
-        return [f for f in self.findings if f.verdict is not Verdict.MET or has_moved(f)]
+        return [f for f in self.findings if f.verdict not in (Verdict.MET, Verdict.OPEN) or has_moved(f)]
 
 
 def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
@@ -81,10 +102,12 @@ def judge(
     records: Sequence[RunRecord],
     thresholds: Thresholds,
     code: CodeOf | None = None,
+    without: Collection[str] = (),
 ) -> Judged:
     """Every run's status and every threshold; runs without a threshold and thresholds without a run fail too.
 
-    With ``code``, a result of other code counts as missing; of several results of a run the newest is judged.
+    With ``code``, a result of other code counts as missing; of several results of a run the newest is judged. A run
+    that was refused because a package is not installed is left out if the package is in ``without``, and fails if not.
     """
     by_settings = {r.settings_id: r for r in select_judged(records, code)}
     other = {r.settings_id for r in records} - {*by_settings}
@@ -96,7 +119,14 @@ def judge(
     for b in thresholds.bounds:
         bounded.setdefault(b.case, set()).add(b.metric)
     statuses = {e.case: e for e in thresholds.statuses}
+    absent: dict[str, str] = {}
     for case, record in by_case.items():
+        if record is not None and record.status == Status.REFUSED and (package := record.missing_package):
+            absent[case] = package
+            words = record.message if package in without else UNNAMED.format(record.message, package)
+            verdict = Verdict.OPEN if package in without else Verdict.FAILED
+            found.append(_finding(verdict, case, "status", ABSENT.format(words)))
+            continue
         found.append(_status(case, record, statuses.get(case), missing[case]))
         wanted = statuses[case].status if case in statuses else Status.SUCCESS
         if case not in bounded and wanted is Status.SUCCESS:
@@ -106,9 +136,11 @@ def judge(
         elif case in bounded and record is not None:
             needed = {b.metric for b in propose_bounds([record])} - bounded[case]
             found += [_finding(Verdict.FAILED, case, metric, UNBOUNDED) for metric in sorted(needed)]
-    found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in thresholds.bounds]
+    judged = [b for b in thresholds.bounds if b.case not in absent]
+    found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in judged]
     found += [_finding(Verdict.FAILED, case, "status", UNKNOWN) for case in statuses if case not in by_case]
-    return Judged(tuple(sorted(found, key=lambda f: (WORST.index(f.verdict), f.subject, f.measured.quantity))))
+    ordered = sorted(found, key=lambda f: (WORST.index(f.verdict), f.subject, f.measured.quantity))
+    return Judged(tuple(ordered), {case: package for case, package in absent.items() if package in without})
 
 
 def tighten_bounds(

@@ -8,22 +8,23 @@ from xml.etree import ElementTree
 from ..results.findings import Finding, Measured, Required, Verdict
 from .check import STATES, Judged, has_moved
 
+LEFT_OUT = {Verdict.XFAIL: "expected to fail: ", Verdict.OPEN: ""}
 NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # what XML 1.0 cannot hold
 
 
 def junit(result: Judged, suite: str) -> str:
-    """One test case a finding; FAIL and XPASS are failures, XFAIL is skipped, a gate that judged nothing fails."""
+    """One test case a finding; FAIL, XPASS are failures, XFAIL, SKIP are skipped; a gate that judged nothing fails."""
     nothing = Finding(Measured("gate"), Required(why="nothing judged"), Verdict.FAILED, suite)
-    findings = result.findings or (nothing,)
-    closed, skipped = sum(not f.holds for f in findings), sum(f.verdict is Verdict.XFAIL for f in findings)
+    findings = result.findings if any(f.is_tested for f in result.findings) else (*result.findings, nothing)
+    closed, skipped = sum(not f.holds for f in findings), sum(f.verdict in LEFT_OUT for f in findings)
     counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
     root = ElementTree.Element("testsuites", counts)
     group = ElementTree.SubElement(root, "testsuite", {"name": _xml(f"gate {suite}"), **counts})
     for f in findings:
         named = {"classname": _xml(f.subject), "name": _xml(f.measured.quantity)}
         case = ElementTree.SubElement(group, "testcase", named)
-        if f.verdict is Verdict.XFAIL:
-            ElementTree.SubElement(case, "skipped", {"message": _xml(f"expected to fail: {f.required.why}")})
+        if f.verdict in LEFT_OUT:
+            ElementTree.SubElement(case, "skipped", {"message": _xml(f"{LEFT_OUT[f.verdict]}{f.required.why}")})
         elif not f.holds:
             kind = {"type": STATES[f.verdict], "message": _xml(_describe(f))}
             ElementTree.SubElement(case, "failure", kind).text = _xml(f.required.why)
@@ -33,7 +34,7 @@ def junit(result: Judged, suite: str) -> str:
 
 def markdown(result: Judged, suite: str) -> str:
     """A headline and a table of what did not pass or has moved."""
-    out = [f"## Gate `{suite}`: {'open' if result.is_open else 'CLOSED'}", "", f"{result.summary}.", ""]
+    out = [f"## Gate `{suite}`: {result.headline}", "", f"{result.summary}.", ""]
     if result.notable:
         out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
         for row in map(_flatten, result.notable):
@@ -47,7 +48,8 @@ def markdown(result: Judged, suite: str) -> str:
 
 def as_plain(result: Judged, suite: str) -> dict[str, Any]:
     """The result as ``--json`` prints it."""
-    head = {"suite": suite, "open": result.is_open, "state": STATES[result.verdict], "counts": result.counts}
+    head = {"suite": suite, "open": result.is_open, "state": STATES[result.verdict], "counts": result.counts,
+            "cases": result.cases, "not_measured": dict(result.absent)}  # fmt: skip
     return {**head, "findings": [_flatten(f) for f in result.findings]}
 
 

@@ -1,5 +1,6 @@
 """The origin of a result: code, commit, packages, machine, threads."""
 
+import contextlib
 import datetime
 import hashlib
 import importlib.metadata
@@ -114,12 +115,13 @@ def _version(name: str) -> str:
 
 
 def _blas() -> list[dict[str, Any]]:
-    """Linear algebra libraries of NumPy, SciPy and SUNDIALS, all loaded here; those of other packages do not count."""
+    """Linear algebra libraries of NumPy, SciPy and, if installed, SUNDIALS, loaded here; no other package's count."""
     import numpy
     import scipy.linalg  # noqa: F401
-    import sksundae  # noqa: F401
     from threadpoolctl import threadpool_info, threadpool_limits
 
+    with contextlib.suppress(ImportError):  # not to be had on every system
+        import sksundae  # noqa: F401
     packages, ours = Path(numpy.__file__).resolve().parents[1], ("numpy", "scipy", "scikit_sundae", "sksundae")
     with threadpool_limits(limits=1):  # as where runs are run, whatever is set in this process
         places = [(library, Path(library["filepath"]).resolve()) for library in threadpool_info()]

@@ -63,6 +63,7 @@ class RunRecord:
     ended_by: str = column("harness.types.EndedBy: solver, exception, cpu_limit, signal, ...", "")
     ended_limit_s: float = column("the limit on time that ended it, with its grace period")
     message: str = column("the solver's message, or that of the exception it raised", "")
+    missing_package: str = column("package that is not installed and without which the solver refused; else empty", "")
     wrong_because: str = column("JSON list of harness.types.Reason: why a claimed success is wrong or inaccurate", "[]")
     notes: str = column("JSON list: notes of the solver, e.g. which redundant rows it dropped", "[]")
     events: int = column("number of events in the series file, e.g. singular passages", 0)

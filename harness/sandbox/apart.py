@@ -5,6 +5,7 @@ import math
 import os
 import select
 import signal
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ EVERY = 0.2  # [s] between two looks at the CPU time of a tree
 TICK = 0.02  # [s] between two looks while nothing is sent
 MOST = 2**24  # [bytes] that a process may send; its pipe is closed then
 CHUNK, AT_ONCE = 2**16, 16  # [bytes] of a read, and reads before the limits are looked at again
+MAXRSS = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # [MB] unit of ru_maxrss: bytes on macOS, else kB
 ASLEEP = 2.0  # [s] between two looks: more, and it is we who were stopped
 
 
@@ -110,7 +112,7 @@ class Apart:
         kill_group(self.pid)  # what it started and left behind
         if not self.closed_at:
             os.close(self.pipe)
-        code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0
+        code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss * MAXRSS
         left = end_descendants()[1] if self.above == "here" else 0.0
         cpu = max(usage.ru_utime + usage.ru_stime + left, sum(self.used.values()))
         if code == -signal.SIGXCPU and self._page.is_making(self._slot):

@@ -34,6 +34,16 @@ PATIENCE = 5.0  # [s] to end all that a target has started
 STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
 
 
+def describe_lacking(platform: str = sys.platform) -> str:
+    """Return what a run is not kept from on this system, in one line; empty on Linux."""
+    if platform.startswith("linux"):
+        return ""
+    return (
+        "this system is not Linux: a run's memory is not limited, its CPU limit leaves out processes that a solver "
+        "starts, and those may outlive it (docs/known-limitations.md)"
+    )
+
+
 def fork(
     target: Target, stderr: Path | Place, memory: float, cpu: float, *, keeper: bool = True, code: float = 0.0
 ) -> tuple[int, int]:
@@ -242,16 +252,14 @@ def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (min(seconds, hard), hard))
         if code:
             leave_code_out_of(seconds)
-    if math.isfinite(memory):
+    if math.isfinite(memory) and not describe_lacking():  # elsewhere the system takes the limit and does not keep it
         allowed = _data_in_use() + int(memory * 2**20)
         resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private; RLIMIT_AS counts mapped libraries
 
 
 def _data_in_use() -> int:
-    try:
+    with contextlib.suppress(OSError):  # without /proc, as in some containers, the limit is on the whole
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith("VmData:"):
                 return int(line.split()[1]) * 1024
-    except OSError:
-        pass  # no /proc here (macOS): the limit is then on the whole
     return 0

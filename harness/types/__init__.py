@@ -7,8 +7,8 @@ from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States
 from .problem import Invariant, Observable, Problem, Reference, ReferenceKind, Trait, kind_of
 from .solver import LEAST_RTOL, Solver, Spool, StepControl, Trajectory
-from .verdicts import ACCURATE, ALLOWED, GROWN, JUDGED, PREDICTABLE, EndedBy, Law, Reason, Status
+from .verdicts import ACCURATE, ALLOWED, GROWN, JUDGED, PREDICTABLE, EndedBy, Law, NotInstalled, Reason, Status
 
 __all__ = ["ACCURATE", "ALLOWED", "GROWN", "JUDGED", "LEAST_RTOL", "PREDICTABLE", "EndedBy", "Invariant", "Law",
-           "Observable", "Presentation", "Problem", "Reason", "Reference", "ReferenceKind", "Solver", "Spool", "State",
-           "States", "Status", "StepControl", "Trait", "Trajectory", "kind_of"]  # fmt: skip
+           "NotInstalled", "Observable", "Presentation", "Problem", "Reason", "Reference", "ReferenceKind", "Solver",
+           "Spool", "State", "States", "Status", "StepControl", "Trait", "Trajectory", "kind_of"]  # fmt: skip

@@ -35,6 +35,17 @@ class Status(StrEnum):
         return self in (Status.SUCCESS, Status.INACCURATE)
 
 
+class NotInstalled(str):
+    """A refusal, in one line, because ``package`` is not installed; any other solver is as good as before."""
+
+    package: str
+
+    def __new__(cls, package: str, remedy: str) -> "NotInstalled":
+        made = super().__new__(cls, f"{package} is not installed: {remedy}")
+        made.package = package
+        return made
+
+
 class EndedBy(StrEnum):
     """Cause of a run's end. With any but ``SOLVER`` the solver returned nothing."""
 

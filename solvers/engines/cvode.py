@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from sksundae.cvode import CVODE
 
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
@@ -24,7 +23,7 @@ from ..formulations.ida import FAILURES
 from ..formulations.recording import Clock, StepFailure, march
 from ..formulations.start import coordinates_and_velocities, layout_for
 from ..formulations.strong_form import StrongForm
-from ..formulations.sundials import ONE_STEP_LIMIT
+from ..formulations.sundials import ONE_STEP_LIMIT, not_installed
 from .export.engine import made_by
 
 ROWS_EVERY = 2  # steps, at the rows kept
@@ -43,7 +42,13 @@ class Cvode(SymbolicOptions):
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
 
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """A missing package, and what all solvers on this route refuse."""
+        return not_installed() or super().refuses(problem, control)
+
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        from sksundae.cvode import CVODE  # here: on systems without it the class above refuses
+
         layout, notes = layout_for(problem, self.coordinates)
         n, still = layout.n_p + layout.n_u, np.zeros(layout.k)
         form, work = StrongForm(layout, self.alpha, self.beta), {"evaluations": 0}

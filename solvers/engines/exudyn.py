@@ -31,8 +31,9 @@ from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
 from ...harness.mechanics.time_functions import values, varies
 from ...harness.types import Problem, Status, StepControl, Trajectory
+from ..formulations.packages import missing
 from ..formulations.recording import Clock, Clocked
-from .export.engine import Taken, beyond, made_by, missing, package
+from .export.engine import Taken, beyond, made_by, package
 from .export.exudyn_rows import KeptRows, joint_frames
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal

@@ -32,8 +32,9 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind, MovingKind
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, Status, StepControl, Trajectory
+from ..formulations.packages import missing
 from ..formulations.recording import Clock, Clocked
-from .export.engine import VARYING, Taken, beyond, made_by, missing, package
+from .export.engine import VARYING, Taken, beyond, made_by, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
 from .export.plain import plain, springs_of_hinges

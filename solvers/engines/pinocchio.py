@@ -22,8 +22,9 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics.joints import JointKind
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, StepControl, Trajectory
+from ..formulations.packages import missing
 from ..formulations.recording import Clock, Clocked
-from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken, beyond, made_by, missing, package
+from .export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken, beyond, made_by, package
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
 from .export.tree import DRIVES, Kind, Tree, spanning_tree

@@ -5,7 +5,7 @@ every Jacobian is factorised once. Errors are measured in the weighted root mean
 fixes in its vectors.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from .dae import ImplicitForm
+from .error_test import tolerances
 from .generated import Program
 from .generated.steps import take
 from .layout import Layout
@@ -35,7 +36,6 @@ class Beginning(NamedTuple):
 Begin = Callable[[Layout, Problem], Beginning]  # at the problem's initial state and its time
 DENSE_BELOW = 40  # unknowns
 ROWS_EVERY = 40  # steps, at the rows kept
-OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test and Newton test (IDA divides by it)
 FAILURES = {
     -2: (Status.STEP_UNDERFLOW, "the demanded accuracy is below rounding"),
     -3: (Status.STEP_UNDERFLOW, "the error test failed repeatedly or at the smallest step"),
@@ -129,14 +129,6 @@ class _Piece:
             said = self._ida.messages
             raise StepFailure(status, f"IDA: {words}" + (f" ({said})" if said else ""))
         return t, y.take(self._place)
-
-
-def tolerances(rtol: float, n: int, out_of_test: Sequence[slice]) -> Float[np.ndarray, " n"]:
-    """Absolute tolerances of ``n`` unknowns: ``rtol``, but for what is in no error test."""
-    atol = np.full(n, rtol)
-    for part in out_of_test:
-        atol[part] = OUT_OF_TEST
-    return atol
 
 
 def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:

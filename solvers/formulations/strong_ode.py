@@ -10,7 +10,7 @@ from scipy.integrate import OdeSolver
 from ...harness.catalogue.options import option
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from .classical import SymbolicOptions
-from .ida import tolerances
+from .error_test import tolerances
 from .recording import Clock, StepFailure, march
 from .start import coordinates_and_velocities, layout_for
 from .strong_form import StrongForm

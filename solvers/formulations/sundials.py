@@ -13,19 +13,27 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from sksundae import _cy_ida
-from sksundae._cy_common import INT_TYPE
 
+from ...harness.types import NotInstalled
 from .generated import Code, Program
+from .packages import missing
 
 ADDRESS, NUMBER, FLAG = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
-INDEX = np.ctypeslib.as_ctypes_type(INT_TYPE)
 BY_COLUMNS, ONE_STEP, ONE_STEP_LIMIT = 0, 2, 100_000  # CSC_MAT, IDA_ONE_STEP; IDA's own limit a call
+REMEDY = (
+    "pip install scikit-sundae; where it has no wheel (Linux on arm64), build SUNDIALS with SuperLU_MT first, and name "
+    "its folder by SUNDIALS_PREFIX"
+)
 OUT_OF_MEMORY = -21  # IDA_MEM_FAIL
 OUT_OF_TIME = (-8, -12)  # IDA's flags of a residual that fails, which it does here at the deadline alone
 CHECK_EVERY = 16  # residuals, a power of two
 CREATORS = ("SUNDense", "SUNBand", "SUNSparse", "SUNLinSol_", "N_V", "IDACreate")  # return addresses, others flags
 WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "run", "program")
+
+
+def not_installed() -> NotInstalled | None:
+    """The refusal where scikit-sundae is missing, or None; nothing of it is imported before it is used."""
+    return missing("sksundae", "scikit-sundae", REMEDY)
 
 
 @dataclass(frozen=True)
@@ -121,13 +129,13 @@ class Ida:
         return flag, self._t.value, self._solution[0]
 
     def _vector(self, x: np.ndarray, context: Any) -> Any:
-        out = _allocate("N_VMake_Serial", INDEX(len(x)), ADDRESS(x.ctypes.data), context)
+        out = _allocate("N_VMake_Serial", _index()(len(x)), ADDRESS(x.ctypes.data), context)
         self._free("N_VDestroy", out)
         return out
 
     def _linear_algebra(self, kind: str, n: int, y: Any, context: Any) -> tuple[Any, Any]:
         """Newton's matrix and its solver; sets where the Jacobian's nonzeros go."""
-        rows, columns = self._equations.rows, self._equations.columns
+        INDEX, rows, columns = _index(), self._equations.rows, self._equations.columns
         below, above = int(np.max(rows - columns)), int(np.max(columns - rows))
         name, solver_name, threads = kind.capitalize(), f"SUNLinSol_{kind.capitalize()}", list[Any]()
         sizes: list[Any]
@@ -145,12 +153,12 @@ class Ida:
             solver_name, threads = "SUNLinSol_SuperLUMT", [FLAG(1)]  # more take milliseconds to set out
         matrix = _allocate(f"SUN{name}Matrix", INDEX(n), *sizes, context)
         self._free("SUNMatDestroy", matrix)
-        self._data, self._places = _array(_function(f"SUN{name}Matrix_Data")(matrix), np.float64, size), places
+        self._data, self._places = _array(_function(f"SUN{name}Matrix_Data")(matrix), NUMBER, size), places
         if kind == "sparse":
             starts = np.searchsorted(columns, np.arange(n + 1))
             for part, x in (("Values", rows), ("Pointers", starts)):
                 address = _function(f"SUNSparseMatrix_Index{part}")(matrix)
-                self._indices.append((_array(address, INT_TYPE, len(x)), x))
+                self._indices.append((_array(address, INDEX, len(x)), x))
         solver = _allocate(solver_name, y, matrix, *threads, context)
         self._free("SUNLinSolFree", solver)
         return matrix, solver
@@ -178,7 +186,7 @@ class Ida:
 
 
 def _array(address: int, kind: Any, size: int) -> np.ndarray:
-    return np.ctypeslib.as_array((np.ctypeslib.as_ctypes_type(kind) * size).from_address(address))
+    return np.ctypeslib.as_array((kind * size).from_address(address))
 
 
 def _allocate(name: str, *arguments: Any) -> Any:
@@ -197,7 +205,17 @@ def _check(flag: int) -> None:
 
 
 @cache
+def _index() -> Any:
+    """The type of SUNDIALS' indices."""
+    from sksundae._cy_common import INT_TYPE
+
+    return np.ctypeslib.as_ctypes_type(INT_TYPE)
+
+
+@cache
 def _function(name: str) -> Any:
+    from sksundae import _cy_ida
+
     function = getattr(ctypes.CDLL(_cy_ida.__file__), name)  # of what it depends on, all of SUNDIALS that is used here
     function.restype = ADDRESS if name.startswith(CREATORS) else FLAG
     return function

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from fractions import Fraction
 
 import casadi as ca
 import numpy as np
@@ -68,6 +69,28 @@ def test_long_code_in_parts_equals_short(monkeypatch):
         monkeypatch.setattr(printing, "PART", part)
         ours = evaluate(compile_functions({"f": ([x], [y])}), "f", at, size=25)
         np.testing.assert_allclose(ours, expected, rtol=1e-9, err_msg=str(part))  # contraction, grown by the recurrence
+
+
+def test_the_code_says_which_product_is_contracted(monkeypatch):
+    """One rounding where a sum alone reads a product, the first of two; two roundings elsewhere, on every processor."""
+    c, d = ca.SX.sym("c"), ca.SX.sym("d")
+    out = ca.vertcat(a * b + c, c - a * c, b * d - a, b * c * d + c * c * d, c * d + a, c * d + b)
+    x = {"a": 1.1, "b": 1.3, "c": -1.43, "d": 0.7}
+
+    def fused(p: float, q: float, r: float) -> float:
+        return float(Fraction(p) * Fraction(q) + Fraction(r))
+
+    expected = [
+        fused(x["a"], x["b"], x["c"]), fused(-x["a"], x["c"], x["c"]), fused(x["b"], x["d"], -x["a"]),
+        fused(x["b"] * x["c"], x["d"], x["c"] * x["c"] * x["d"]), x["c"] * x["d"] + x["a"], x["c"] * x["d"] + x["b"],
+    ]  # fmt: skip
+    assert expected[0] != x["a"] * x["b"] + x["c"]  # else nothing would be told apart
+    for part in (1500, 10**6):
+        monkeypatch.setattr(printing, "PART", part)
+        text = printing.print_module({"f": printing.Straight([a, b, c, d], [out])})
+        assert "contract" not in text and text.count("call double @llvm.fma") == 4
+        made = compile_functions({"f": ([a, b, c, d], [out])})
+        assert evaluate(made, "f", *(np.array([v]) for v in x.values()), size=6).tolist() == expected
 
 
 def test_equal_operations_are_shared_and_unused_ones_dropped():

@@ -1,8 +1,7 @@
-"""Packages of engines: optional, found or refused with one line."""
+"""Packages of engines, and what an engine takes of a system."""
 
 import importlib
 import importlib.metadata
-import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -32,15 +31,6 @@ class Taken:
         forces = {SPRINGS: self.springs, TORSIONS: self.torsions, LOADS: self.loads != "none",
                   VARYING: self.loads == "varying"}  # fmt: skip
         return (*map(str, self.kinds), *(name for name, taken in forces.items() if taken))
-
-
-def missing(module: str, wheel: str = "", remedy: str = "pip install 'mbsbench[engines]'") -> str | None:
-    """What to do where ``module`` (of the package ``wheel``, if that has another name) is not installed, or None."""
-    try:
-        found = importlib.util.find_spec(module) is not None
-    except ValueError:  # planted in sys.modules without a spec
-        found = False
-    return None if found else f"{wheel or module} is not installed: {remedy}"
 
 
 def beyond(system: MultibodySystem, taken: Taken) -> str | None:

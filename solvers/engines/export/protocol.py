@@ -24,9 +24,10 @@ from jaxtyping import Float
 
 from ....harness.code_meter import making_code
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from ...formulations.packages import ENGINES, missing
 from ...formulations.recording import Clock, Clocked, StepFailure
 from ..inside.serve import step
-from .engine import Taken, beyond, missing
+from .engine import Taken, beyond
 from .march import STRETCH, PartialStretch, march
 from .model_check import EngineModel, check_states, force_refusal, mass_blocks, model_refusal
 from .plain import plain
@@ -43,7 +44,7 @@ class Adapter(Clocked):
     inside: ClassVar[str]  # name of its file in ``inside`` and of its environment
     package: ClassVar[str]  # to import here where it has no environment
     wheel: ClassVar[str]
-    remedy: ClassVar[str] = "pip install 'mbsbench[engines]'"
+    remedy: ClassVar[str] = ENGINES
     takes: ClassVar[Taken] = Taken()
     eps: ClassVar[float] = 0.0  # of its numbers, where they are of single precision
     moving: ClassVar[bool] = False  # whether the model check asks for random velocities, too

@@ -1,9 +1,13 @@
 """LLVM IR of recorded functions.
 
 Long functions are cut in parts of ``PART`` operations, which hand over in an array on the stack: the time that LLVM
-takes grows faster than the number of operations in one function. Products may be contracted with sums, nothing else.
+takes grows faster than the number of operations in one function.
+
+A product that one sum or difference alone reads is contracted with it, written out as ``llvm.fma``: left to LLVM, which
+of two products is contracted would be the processor's choice, and the last bits of a motion with it.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 
 from .functions import Array, Loop, Recorded, Straight, record_function
@@ -37,6 +41,8 @@ class _Printer:
         live = find_needed(recorded.tape, [number for result in recorded.results for number in result])
         self._live = [k for k in live if self._operations[k].name not in ("constant", "input")]
         self._defined = set(self._live)
+        self._reads = Counter(x for k in self._live for x in self._operations[k][1:])
+        self._reads.update(number for result in recorded.results for number in result)
         self._slots: dict[int, int] = {}  # place of a number in the array between parts
 
     def function(self) -> list[str]:
@@ -94,9 +100,20 @@ class _Printer:
                     if at.get(x, k) < k:
                         self._slots.setdefault(x, len(self._slots))
 
+    def _find_fused(self, part: list[int]) -> dict[int, int]:
+        """The product that each sum or difference of ``part`` is contracted with: the first that nothing else reads."""
+        own, out = set(part), dict[int, int]()
+        for number in part:
+            name, a, b = self._operations[number]
+            if name in ("add", "sub"):
+                products = [x for x in (a, b) if x in own and self._operations[x].name == "mul" and self._reads[x] == 1]
+                if products:
+                    out[number] = products[0]
+        return out
+
     def _body(self, part: list[int], *, last: bool) -> Iterator[str]:
         """The operations of ``part``, then what it hands over and its results; those that are no operations at last."""
-        body = _Body(self._recorded, self._slots, self._callees)
+        body = _Body(self._recorded, self._slots, self._callees, self._find_fused(part))
         for number in part:
             body.write_operation(number)
         own = set(part)
@@ -114,9 +131,12 @@ class _Printer:
 class _Body:
     """Lines of straight code; each value read from outside is loaded once."""
 
-    def __init__(self, recorded: Recorded, slots: dict[int, int], callees: dict[str, None]) -> None:
+    def __init__(
+        self, recorded: Recorded, slots: dict[int, int], callees: dict[str, None], fused: dict[int, int]
+    ) -> None:
         self.lines: list[str] = []
-        self._recorded, self._slots, self._callees = recorded, slots, callees
+        self._recorded, self._slots, self._callees, self._fused = recorded, slots, callees, fused
+        self._products = set(fused.values())
         self._names: dict[int, str] = {}
         self._truths: dict[int, str] = {}  # of numbers that are truth values
         self._rows: dict[str, str] = {}
@@ -193,14 +213,29 @@ class _Body:
             self._names[number] = self.define(f"select i1 {above}, double 1.0, double {other}")
         elif name == "neg":
             self._names[number] = self.define(f"fneg double {self.name(a)}")
+        elif number in self._products:
+            return  # written with the sum that reads it
+        elif number in self._fused:
+            self._names[number] = self._fuse(name, a, b, self._fused[number])
         elif name in ARITHMETIC:
-            self._names[number] = self.define(f"{ARITHMETIC[name]} contract double {self.name(a)}, {self.name(b)}")
+            self._names[number] = self.define(f"{ARITHMETIC[name]} double {self.name(a)}, {self.name(b)}")
         else:
             arguments = [f"double {self.name(x)}" for x in (a, b) if x >= 0]
             name = LEAST_AND_LARGEST.get(name, name)
             callee = f"@llvm.{name}.f64" if name in INTRINSIC else f"@{name}"
             self._callees[f"{callee}({', '.join('double' for _ in arguments)})"] = None
             self._names[number] = self.define(f"call double {callee}({', '.join(arguments)})")
+
+    def _fuse(self, name: str, a: int, b: int, product: int) -> str:
+        """a + b or a - b, of which ``product`` is one, in one rounding."""
+        _, x, y = self._recorded.tape.operations[product]
+        first, second, other = self.name(x), self.name(y), self.name(b if product == a else a)
+        if name == "sub" and product == a:
+            other = self.define(f"fneg double {other}")
+        elif name == "sub":
+            first = self.define(f"fneg double {first}")
+        self._callees["@llvm.fma.f64(double, double, double)"] = None
+        return self.define(f"call double @llvm.fma.f64(double {first}, double {second}, double {other})")
 
     def _truth(self, number: int) -> str:
         if number not in self._truths:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ....harness.code_meter import making_code
+from ....harness.mechanics import fixed_order
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
@@ -305,4 +306,5 @@ def _digest(system: MultibodySystem, tree: Tree, at: np.ndarray | None = None) -
 @cache
 def _own_text() -> str:
     names = ("code", "elimination", "loops", "motion", "stages", "tree")
-    return hashlib.sha256(b"".join(Path(__file__).with_name(f"{name}.py").read_bytes() for name in names)).hexdigest()
+    paths = [*(Path(__file__).with_name(f"{name}.py") for name in names), Path(fixed_order.__file__)]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ....harness.code_meter import making_code
+from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
@@ -183,7 +184,7 @@ def _kinetic_energy(motion: "Motion") -> "ca.SX":
     for b in motion.limb:
         F, system = motion.tree.frames[b], motion.system
         v, turn = motion.v[b] + ca.cross(motion.omega[b], motion.centre[b]), motion.R[b].T @ motion.omega[b]
-        inertia = ca.SX(ca.DM(snap(F @ system.regular_inertia[b] @ F.T)))
+        inertia = ca.SX(ca.DM(snap(product(product(F, system.regular_inertia[b]), F.T))))
         T += 0.5 * (system.mass[b] * ca.dot(v, v) + ca.dot(turn, inertia @ turn))
     return T
 

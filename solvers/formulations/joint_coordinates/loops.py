@@ -6,6 +6,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from ....harness.mechanics.fixed_order import apply
 from ....harness.mechanics.system import GROUND
 from ..rows.expressions import joint_numbers, row_expressions
 from .motion import ZERO, Motion, Wrench, weighted_sum
@@ -97,7 +98,7 @@ def _evaluate_joint(motion: Motion, k: int, *, at_joint: bool = False) -> tuple[
     i, j = (motion.frame(b).T for b in ends)
     size = float(np.max(np.abs(numbers[:6]), initial=0.0))
     for at, frame in ((0, i), (3, j), (6, i), (9, i), (12, j), (15, j), (18, j)):
-        numbers[at : at + 3] = snap(numbers[at : at + 3] @ frame, size if at < 6 else 1.0)
+        numbers[at : at + 3] = snap(apply(frame.T, numbers[at : at + 3]), size if at < 6 else 1.0)
     if at_joint:
         numbers[:6] = 0.0
     x, V = [], []

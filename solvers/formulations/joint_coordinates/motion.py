@@ -17,6 +17,7 @@ import numpy as np
 
 from ....harness.mechanics import forces
 from ....harness.mechanics.declaring import Pose
+from ....harness.mechanics.fixed_order import apply, dot, product
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..rows.expressions import force_numbers, time_function
 from ..rows.symbols import Symbol
@@ -124,8 +125,8 @@ class Motion:
         out = {}
         for limb in self.tree.limbs:
             b, c, F = limb.body, limb.centre, self.tree.frames[limb.body]
-            about_c = F @ self.system.regular_inertia[b] @ F.T
-            J = snap(about_c + self.system.mass[b] * (c @ c * np.eye(3) - np.outer(c, c)))
+            about_c = product(product(F, self.system.regular_inertia[b]), F.T)
+            J = snap(about_c + self.system.mass[b] * (dot(c, c) * np.eye(3) - np.outer(c, c)))
             out[b] = _symmetric(self.R[b] @ ca.SX(ca.DM(0.5 * (J + J.T))), self.R[b])
         return out
 
@@ -183,7 +184,7 @@ class Motion:
         return ca.vertcat(*out) if out else ca.SX(0, 1)
 
     def _gravity(self) -> ca.SX:
-        return ca.SX(ca.DM(snap(self.tree.base @ self.system.gravity)))
+        return ca.SX(ca.DM(snap(apply(self.tree.base, self.system.gravity))))
 
     def applied_forces(self) -> dict[int, Wrench]:
         """Springs, dampers and loads on each body."""
@@ -214,7 +215,7 @@ class Motion:
             elif shape:
                 end = DIRECTIONS.get(name) or ("i" if follows else "")
                 frame = self.frame(ends["ij".index(end)]) if end else self.tree.base
-                parts[name] = _symbols(snap(own.reshape(-1, 3) @ frame.T).reshape(shape))
+                parts[name] = _symbols(snap(product(own.reshape(-1, 3), frame.T)).reshape(shape))
             else:
                 parts[name] = Symbol(ca.SX(float(own[0])))
         return SimpleNamespace(**parts)

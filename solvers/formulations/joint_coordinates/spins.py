@@ -23,6 +23,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from ....harness.mechanics.fixed_order import apply, dot
 from ....harness.mechanics.forces import DECLARED
 from ....harness.mechanics.system import MultibodySystem
 from .motion import Motion
@@ -77,10 +78,10 @@ def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
             continue
         J, axes = np.linalg.eigh(system.regular_inertia[limb.body])
         off_axis = float(np.max(np.linalg.norm(np.cross(axes[:, 0], arms), axis=1), initial=0.0))
-        added = 0.5 * (J[1] + J[2]) + system.mass[limb.body] * limb.centre @ limb.centre - J[0]
+        added = 0.5 * (J[1] + J[2]) + system.mass[limb.body] * dot(limb.centre, limb.centre) - J[0]
         is_round = J[2] - J[1] <= NOISE * J[2] and off_axis <= NOISE * float(np.max(np.abs(arms), initial=0.0))
         if is_round and added > 0.0:
-            out.append(Spin(limb, snap(tree.frames[limb.body] @ axes[:, 0]), float(J[0]), float(added)))
+            out.append(Spin(limb, snap(apply(tree.frames[limb.body], axes[:, 0])), float(J[0]), float(added)))
     return out
 
 

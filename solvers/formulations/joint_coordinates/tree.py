@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ....harness.mechanics.fixed_order import apply, dot, product
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 
@@ -70,7 +71,7 @@ def spanning_tree(system: MultibodySystem, start: State) -> Tree:
     """The tree and its cut joints, by the rule above."""
     reached = _breadth_first(system)
     base = _base(system, start, reached)
-    frames = snap(base @ start.R)
+    frames = snap(product(base, start.R))
     ground = [*frames, base]  # the last one is the ground's
     points = np.zeros((system.nb + 1, 3))  # P of each body, in the base frame
     limbs: list[Limb] = []
@@ -126,14 +127,14 @@ def _base(system: MultibodySystem, start: State, reached: dict[int, tuple[int, i
     for kinds in (("revolute", "cylindrical"), ("universal", "prismatic")):
         for k in joints:
             if not np.any(z) and system.joint_kind(k) in kinds:
-                z = start.R[system.joint_i[k]] @ system.joint_u[k]
+                z = apply(start.R[system.joint_i[k]], system.joint_u[k])
     z = z if np.any(z) else up if np.any(up) else np.eye(3)[2]
-    z = z / np.linalg.norm(z)
+    z = z / np.sqrt(dot(z, z))
     for y in (up, *np.eye(3)[np.argsort(np.abs(z), kind="stable")]):
-        y = y - (y @ z) * z
-        if np.linalg.norm(y) > 1e-6 * max(1.0, float(np.linalg.norm(up))):
+        y = y - dot(y, z) * z
+        if dot(y, y) > 1e-12 * max(1.0, dot(up, up)):
             break
-    y = y / np.linalg.norm(y)
+    y = y / np.sqrt(dot(y, y))
     return snap(np.stack((np.cross(y, z), y, z)))
 
 
@@ -143,16 +144,16 @@ def _limb(
 ) -> Limb:  # fmt: skip
     """``points`` gets P of the body."""
     s, (body, parent, k) = system, of
-    r, none = base @ start.r[body], np.zeros((0, 3))
+    r, none = apply(base, start.r[body]), np.zeros((0, 3))
     if k < 0:
         points[body] = r
         return Limb(body, GROUND, k, True, none, np.eye(3), True, r, np.zeros(3), np.zeros(3), 0, 0)
     i, j, kind = int(s.joint_i[k]), int(s.joint_j[k]), str(s.joint_kind(k))
     child_is_i = i == body
-    ends = [(base @ start.r[e] if e != GROUND else np.zeros(3)) + frames[e] @ arm
+    ends = [(apply(base, start.r[e]) if e != GROUND else np.zeros(3)) + apply(frames[e], arm)
             for e, arm in ((i, s.joint_s_i[k]), (j, s.joint_s_j[k]))]  # fmt: skip
     points[body] = ends[0 if child_is_i else 1]
-    direction = {"u": frames[i] @ s.joint_u[k], "n": frames[j] @ s.joint_n[k, 0]}
+    direction = {"u": apply(frames[i], s.joint_u[k]), "n": apply(frames[j], s.joint_n[k, 0])}
     turns, slides = (snap(np.array([direction[x] for x in xs]).reshape(-1, 3)) for xs in MOTIONS[kind])
     size = float(np.max(np.abs(np.concatenate((s.joint_s_i, s.joint_s_j, start.r))), initial=0.0))
     arm, beside, centre = (
@@ -165,8 +166,8 @@ def _limb(
 def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
     """At the start all angles are 0; velocities by joints, those of its bodies as far as it lets them."""
     q, u = np.zeros(tree.nq), np.zeros(tree.nu)
-    omega = np.concatenate((np.einsum("bij,bj->bi", tree.frames, start.Omega), np.zeros((1, 3))))
-    v = np.concatenate((start.v @ tree.base.T, np.zeros((1, 3))))
+    omega = np.concatenate((apply(tree.frames, start.Omega), np.zeros((1, 3))))
+    v = np.concatenate((product(start.v, tree.base.T), np.zeros((1, 3))))
     centre = np.zeros((len(v), 3))
     for limb in tree.limbs:
         b, p, ns = limb.body, limb.parent, len(limb.slides)
@@ -174,9 +175,19 @@ def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
         v_p = v[p] + np.cross(omega[p], limb.arm - centre[p])  # of the point of the parent at P
         v_b = v[b] - np.cross(omega[b], limb.centre)
         own = u[limb.u_at : limb.u_at + limb.sizes[1]]
-        own[:ns] = limb.slides @ (v_b - v_p)
+        own[:ns] = apply(limb.slides, v_b - v_p)
         if limb.ball:
             q[limb.q_at + ns], own[ns:] = 1.0, omega[b]
         elif len(limb.turns):
-            own[ns:] = np.linalg.lstsq(limb.turns.T, omega[b] - omega[p], rcond=None)[0]
+            own[ns:] = _rates_about(limb.turns, omega[b] - omega[p])
     return q, u
+
+
+def _rates_about(turns: Float[np.ndarray, "nt 3"], omega: Float[np.ndarray, " 3"]) -> np.ndarray:
+    """Rates about one or two axes whose rotations together are nearest to ``omega``."""
+    first, *second = turns
+    if not second:
+        return np.array([dot(first, omega) / dot(first, first)])
+    aa, ab, bb = dot(first, first), dot(first, second[0]), dot(second[0], second[0])
+    a, b, det = dot(first, omega), dot(second[0], omega), aa * bb - ab * ab
+    return np.array([(bb * a - ab * b) / det, (aa * b - ab * a) / det])

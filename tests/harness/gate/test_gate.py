@@ -457,3 +457,25 @@ def test_a_wider_bound_or_another_value_is_a_change_of_its_own_line(tmp_path):
     runs[2] = replace(runs[2], value=123.4, upper=5678.0)
     now = write_thresholds(Thresholds("t", tuple(runs))).splitlines()
     assert len(was) == len(now) and [k for k, line in enumerate(now) if line != was[k]] == [was.index(was[-3])]
+
+
+def test_a_run_without_its_package_is_left_out_only_where_it_was_named():
+    """One finding a case, whatever its thresholds and expectations; a gate that measured nothing is closed."""
+    lacking = changed(status="refused", missing_package="a", message="a is not installed: pip install a")
+    for without, opens in (((), False), (("b",), False), (("a",), True), (("a", "b"), True)):
+        found = judge(RUNS, lacking, BOUNDS, without=without)
+        assert found.is_open is opens and found.cases == 2
+        assert [f.measured.quantity for f in found.findings if f.subject == CASE] == ["status"]
+    assert found.headline == "open for 1 of 2; 1 not measured here: a" and found.counts["SKIP"] == 1
+    assert found.absent == {CASE: "a"} and found.notable == []
+    expects = Thresholds("t", BOUNDS.bounds[1:], (Expectation(CASE, Status.REFUSED, "redundant rows"),))
+    assert not judge(RUNS, lacking, expects).is_open  # refused, but not for the reason that was expected
+    breached = [lacking[0], dataclasses.replace(lacking[1], phi_max=9.0)]
+    closed = judge(RUNS, breached, BOUNDS, without=("a",))
+    assert not closed.is_open and closed.headline == "CLOSED; 1 not measured here: a"
+    none = [dataclasses.replace(r, status="refused", missing_package="a") for r in RECORDS]
+    nothing = judge(RUNS, none, BOUNDS, without=("a",))
+    assert not nothing.is_open and nothing.summary == "nothing was judged"
+    assert ElementTree.fromstring(junit(nothing, "t").partition("\n")[2]).attrib["failures"] == "1"
+    stale = changed(status="success", missing_package="a", phi_max=9.0)  # it ran: the package is no excuse
+    assert not judge(RUNS, stale, BOUNDS, without=("a",)).is_open

@@ -11,7 +11,7 @@ import pytest
 from mbsbench.harness.results import store
 from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.sandbox.apart import Apart
-from mbsbench.harness.sandbox.isolation import fork
+from mbsbench.harness.sandbox.isolation import describe_lacking, fork
 from mbsbench.harness.types import EndedBy, Status
 
 from ..conftest import run_in
@@ -250,3 +250,11 @@ def test_a_run_ends_with_its_parent(tmp_path):
     while psutil.pid_exists(pid) and psutil.Process(pid).status() != "zombie" and time.monotonic() < until:
         time.sleep(0.02)
     assert not psutil.pid_exists(pid) or psutil.Process(pid).status() == "zombie"
+
+
+def test_another_system_is_told_what_it_lacks():
+    """One line, which no suite prints on Linux."""
+    assert describe_lacking("linux") == ""
+    for system in ("darwin", "freebsd14"):
+        words = describe_lacking(system)
+        assert "memory is not limited" in words and "\n" not in words

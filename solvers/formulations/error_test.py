@@ -1,0 +1,16 @@
+"""Absolute tolerances of codes with error control, by unknowns."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test and Newton test (IDA divides by it)
+
+
+def tolerances(rtol: float, n: int, out_of_test: Sequence[slice]) -> Float[np.ndarray, " n"]:
+    """Absolute tolerances of ``n`` unknowns: ``rtol``, but for what is in no error test."""
+    atol = np.full(n, rtol)
+    for part in out_of_test:
+        atol[part] = OUT_OF_TEST
+    return atol

@@ -1,0 +1,100 @@
+"""Without scikit-sundae, which has no wheel for Linux on arm64, its solvers refuse in a line and all others run."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+NEED_IT = {"ida_index1", "ida_index2", "ida_index3", "cvode"}
+HIDE = 'import sys\nsys.modules["sksundae"] = None  # find_spec finds nothing, and an import fails\n'
+RUN_ALL = """
+import json
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.execution import contract
+from mbsbench.harness.results import environment
+from mbsbench.harness.types import NotInstalled, StepControl
+
+problem, found = registry.make_problem("heavy_top", {"t_end": 0.004}), {}
+for name, entry in registry.solvers().items():
+    solver = entry.make_solver()
+    control = StepControl(**({"dt": 0.002} if entry.control == "dt" else {"rtol": 1e-5}))
+    reason = contract.refusal(solver, problem, control)
+    package = reason.package if isinstance(reason, NotInstalled) else ""
+    status = "refused" if reason else str(solver.solve(problem, control).status)
+    found[name] = {"status": status, "reason": reason, "package": package}
+print(json.dumps([found, len(environment.stamp("f", "s", 1, ())["blas"])]))
+"""
+SUITE = """
+name = "two"
+[[runs]]
+problem = "heavy_top"
+parameters = { t_end = 0.02 }
+solver = "ida_index1"
+rtol = 1e-5
+[[runs]]
+problem = "heavy_top"
+parameters = { t_end = 0.02 }
+solver = "rattle"
+dt = 0.01
+"""
+
+
+@pytest.fixture
+def call(tmp_path):
+    """Python with arguments in an empty folder, without the package or (``whole``) with it."""
+    (tmp_path / "hidden").mkdir()
+    (tmp_path / "hidden" / "sitecustomize.py").write_text(HIDE, encoding="utf-8")
+
+    def run(*arguments, whole=False):
+        env = dict(os.environ) if whole else {**os.environ, "PYTHONPATH": str(tmp_path / "hidden")}
+        line = (sys.executable, *arguments)
+        return subprocess.run(line, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=300.0, check=False)
+
+    return run
+
+
+def test_every_solver_runs_or_refuses_in_one_line(call):
+    """Nothing imports the package before it is used; what other packages lack here is refused as well."""
+    done = call("-c", RUN_ALL)
+    assert done.returncode == 0, done.stderr
+    found, libraries = json.loads(done.stdout)
+    assert {name for name, x in found.items() if x["package"] == "scikit-sundae"} == NEED_IT
+    for name, x in found.items():
+        assert x["status"] in ("success", "refused") and "\n" not in x["reason"], (name, x)
+    assert "SUNDIALS" in found["cvode"]["reason"] and "pip install" in found["cvode"]["reason"]
+    own = {name for name in found if not found[name]["package"]} - {"gc_extrapolated"}
+    assert {"scipy_strong_form", "ndf_index1", "radau_index1", "rk45_strong_form", "rattle"} <= own
+    assert all(found[name]["status"] == "success" for name in ("scipy_strong_form", "ndf_index1", "radau_index1"))
+    assert libraries >= 2  # of NumPy and SciPy
+
+
+def test_the_gate_is_open_for_the_others_only_where_the_package_was_named(call, tmp_path):
+    """Exit code 1 without the option, or with another name; 0 with it, and the words say for how many."""
+    (tmp_path / "two.toml").write_text(SUITE, encoding="utf-8")
+    gate = ("-m", "mbsbench.cli", "gate", "--suite", "two.toml", "--thresholds", "bounds.toml")
+    done = call(*gate, "--update", "--write", whole=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    done = call(*gate, "--out", "lacking")
+    assert done.returncode == 1 and "CLOSED: 1 FAIL" in done.stdout and "--without" in done.stdout, done.stdout
+    gate = (*gate, "--results", "lacking")
+    assert call(*gate, "--without", "another").returncode == 1
+    done = call(*gate, "--without", "scikit-sundae", "--junit", "gate.xml", "--markdown", "gate.md")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "gate open for 1 of 2; 1 not measured here: scikit-sundae" in done.stdout
+    assert "open for 1 of 2" in (tmp_path / "gate.md").read_text()
+    assert '<skipped message="not measured here: scikit-sundae is not installed' in (tmp_path / "gate.xml").read_text()
+    done = call(*gate, "--without", "scikit-sundae", "--json")
+    plain = json.loads(done.stdout)
+    assert plain["open"] and plain["cases"] == 2 and list(plain["not_measured"].values()) == ["scikit-sundae"]
+
+
+def test_commands_show_the_refusal(call):
+    """``solve`` and ``advise`` say in a line how to get it; ``list`` shows every solver."""
+    done = call("-m", "mbsbench.cli", "solve", "heavy_top", "ida_index3", "--problem-set", "t_end=0.01")
+    assert done.returncode == 1 and "refused: scikit-sundae is not installed" in done.stdout, done.stdout + done.stderr
+    line = ("advise", "heavy_top", "--t-end", "0.05", "--error", "1e-3", "--solver", "rattle", "--solver", "ida_index1")
+    done = call("-m", "mbsbench.cli", *line)
+    assert done.returncode == 0 and "scikit-sundae is not installed" in done.stdout, done.stdout + done.stderr
+    assert "ida_index2" in call("-m", "mbsbench.cli", "list").stdout
