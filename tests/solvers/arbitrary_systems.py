@@ -3,12 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from jaxtyping import Float
 
 from mbsbench import Joint, MultibodySystem, RigidBody, SpringDamper, State, States, UserForce, assemble, so3
+from mbsbench.harness.mechanics import motion
 from mbsbench.harness.mechanics.consistency import project
+from mbsbench.harness.mechanics.index1 import index_1
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
-from mbsbench.harness.mechanics.motion import constraint
 
 Rows = Float[np.ndarray, "2 ..."]
 STRIDE, MANY = 0.1, 500  # [m, rad] of a step, about a tenth of an arm or of a turn; the longest ways take 60
@@ -74,7 +76,7 @@ def settle(system: MultibodySystem, s: State) -> State:
     r, R = s.r.copy(), s.R.copy()
     for _ in range(MANY):
         here = replace(s, r=r, R=R)
-        phi = constraint(system, States.one(here))[0]
+        phi = motion.constraint(system, States.one(here))[0]
         if np.max(np.abs(phi), initial=0.0) < NEAR:
             return project(system, here)
         change = np.linalg.lstsq(constraint_jacobian(system, here).toarray(), -phi, rcond=NEAR)[0].reshape(-1, 6)
@@ -87,3 +89,16 @@ def rounding_of_rows(s: State) -> tuple[float, float]:
     """What rounding leaves of phi [m] and of phi_dot [m/s], whose rows have twice as many products, at this state."""
     size, speed = (max(1.0, float(np.max(np.abs(a)))) for a in (s.r, (s.v, s.Omega)))
     return ROUNDED * size, 2.0 * ROUNDED * size * speed
+
+
+def judge_accelerations(system: MultibodySystem, s: State) -> list[tuple[np.ndarray, float]]:
+    """The judge's accelerations (nb, 6) and load of the reactions (nb, 6), each with the error of its differences.
+
+    By these it takes A_dot v. Over half their reach their error is a 64th: the change is the error of the first.
+    """
+    judge = index_1(system, States.one(s))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(motion, "REACH", 0.5 * motion.REACH)
+        nearer = index_1(system, States.one(s))
+    pairs = ((judge.a[0], nearer.a[0]), (judge.load[0], nearer.load[0]))
+    return [(one, 1.1 * float(np.max(np.abs(other - one)))) for one, other in pairs]
