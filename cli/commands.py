@@ -282,7 +282,7 @@ def _add_gate(commands: Any) -> None:
     p.add_argument("--without", metavar="PACKAGE", action="append", default=[], help=without)
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
     p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
-    spread = "with --update: bounds around N repeats that differ by rounding"
+    spread = "with --update: repeat each run N times, changed by rounding alone, and widen bounds by that"
     p.add_argument("--spread", type=int, metavar="N", help=spread)
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
     p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")

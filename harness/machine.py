@@ -153,11 +153,11 @@ def cpu_model() -> str:
 @cache
 def _target() -> Target | None:
     target = TARGETS.get(platform.machine())
-    return target if target and target.needs <= _flags() else None
+    return target if target and target.needs <= processor_flags() else None
 
 
 @cache
-def _flags() -> frozenset[str]:
+def processor_flags() -> frozenset[str]:
     """Flags of the processor as Linux lists them (``Features`` on arm64); none on other systems: nothing is pinned."""
     lines = _read("/proc/cpuinfo").splitlines()
     return frozenset(next((x.partition(":")[2] for x in lines if x.startswith(("flags", "Features"))), "").split())

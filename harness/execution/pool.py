@@ -5,7 +5,7 @@ An executor is anything with such a ``run``; a cluster's would be another.
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..clock import cpu_seconds_below
@@ -61,6 +61,7 @@ class LocalPool:
     on_end: Callable[[Job], None] = lambda job: None
     tick: Callable[[], None] = lambda: None
     on_warmup: Callable[[dict[str, float], dict[str, float]], None] = lambda times, references: None
+    environ: Mapping[str, str] = field(default_factory=dict)  # of the processes of runs, beside ours
     _flying: dict[str, Job] = field(default_factory=dict)
     _compiling: bool = False
     _attempts: dict[str, int] = field(default_factory=dict)
@@ -97,7 +98,7 @@ class LocalPool:
 
     def _serve(self, waiting: list[Job]) -> int | None:
         """One supervisor's life; None when all is done, else its exit code."""
-        supervisor, self._made = Supervised(), 0.0
+        supervisor, self._made = Supervised(self.environ), 0.0
         try:
             first = waiting[::-1]
             if first:  # before any clock runs

@@ -10,13 +10,12 @@ from scipy.spatial.transform import Rotation
 from mbsbench import Joint, JointKind, MovingKind, Problem, State, TimeFunction, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, work
-from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.system import GROUND, RigidBody, assemble
 from mbsbench.problems import n_four_bar
 
 from .arbitrary_joints import all_joints, moving_rows, one_joint
-from .arbitrary_systems import arbitrary, linkage, with_user_forces
+from .arbitrary_systems import consistent, linkage, with_user_forces
 from .runs import control_of, drift, error, run
 
 FIXED = ("gc_weak_form", "gc_augmented_lagrangian", "half_explicit", "rattle", "lie_variational", "generalized_alpha",
@@ -36,7 +35,7 @@ def swing(kind: str) -> tuple[Problem, State]:
         system, start = one_joint(kind, ground=False)
     else:
         system = with_user_forces() if kind == LAW else all_joints() if kind == ALL else moving_rows(kind)
-        start = project(system, arbitrary(system, 4 if kind in set(MovingKind) else 3), 200)
+        start = consistent(system, 4 if kind in set(MovingKind) else 3)
     nb = system.nb
 
     def state(t: float, y: np.ndarray) -> State:
@@ -97,7 +96,7 @@ def test_what_the_simplified_step_has_no_rows_for_is_refused(name, kind):
     p = swing(ALL)[0] if kind == "springs" else swing(kind)[0]
     if kind == "springs":
         system = linkage(springs=True)
-        p = Problem("springs", system, project(system, arbitrary(system, 5), 200), 0.1, 1e-3, "", "made up")
+        p = Problem("springs", system, consistent(system, 5), 0.1, 1e-3, "", "made up")
     assert "use gc_weak_form" in (make_solver(name).refuses(p, control_of(name, 1e-6)) or "")
 
 
