@@ -23,7 +23,9 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 	if test -t 2; then echo >&2; fi; wait $$job
 apt = { apt-get update -qq && apt-get install -y -qq --no-install-recommends $(1); } >&2
 QEMU := $(VENV)/qemu
-BACKPORTS := -o Dir::Etc::sourcelist=$(CURDIR)/$(QEMU)/list -o Dir::Etc::sourceparts=- -o Dir::State::lists=$(CURDIR)/$(QEMU)/lists -o Dir::Cache=$(CURDIR)/$(QEMU)/cache
+BACKPORTS := [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian
+APART := -o Dir::Etc::sourcelist=$(CURDIR)/$(QEMU)/list -o Dir::Etc::sourceparts=- -o Dir::State::lists=$(CURDIR)/$(QEMU)/lists \
+	-o Dir::Cache=$(CURDIR)/$(QEMU)/cache
 COMPARE := $(BIN)/python tests/processors/compare_bits.py
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
@@ -146,11 +148,12 @@ slurm: ## install SLURM for its test (apt, as root)
 test-slurm: $(CLUSTER) slurm ## run a suite on a SLURM of one node, started for the test (as root)
 	$(BIN)/python -m pytest -q -rs --benchmark-disable tests/harness/execution/test_slurm.py
 
-qemu: $(READY) ## install qemu-user, which emulates processors (apt, as root); where it errs, a newer one of backports in .venv/qemu
-	@command -v qemu-x86_64 >/dev/null || test -x $(QEMU)/usr/bin/qemu-x86_64 || $(call apt,qemu-user)
-	@$(COMPARE) --check 2>/dev/null || { mkdir -p $(QEMU)/lists/partial $(QEMU)/cache/archives/partial && . /etc/os-release && \
-	echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian $$VERSION_CODENAME-backports main" >$(QEMU)/list && \
-	apt-get -qq $(BACKPORTS) update && cd $(QEMU) && apt-get -qq $(BACKPORTS) download qemu-user && dpkg -x qemu-user_*.deb . && rm qemu-user_*.deb; } >&2 || true
+qemu: $(READY) ## install qemu-user, which emulates processors (apt, as root); where that errs, a newer one of backports into .venv/qemu
+	@command -v qemu-x86_64 >/dev/null || test -x $(QEMU)/usr/bin/qemu-x86_64 || test "$$(id -u)" != 0 || $(call apt,qemu-user) || true
+	@$(COMPARE) --check 2>/dev/null || ! command -v apt-get >/dev/null || { rm -rf $(QEMU) && mkdir -p $(QEMU)/lists/partial $(QEMU)/cache/archives/partial && \
+	. /etc/os-release && echo "deb $(BACKPORTS) $$VERSION_CODENAME-backports main" >$(QEMU)/list && cd $(QEMU) && \
+	apt-get -qq $(APART) update && apt-get -qq $(APART) download qemu-user && \
+	dpkg --fsys-tarfile qemu-user_*.deb | tar -x ./usr/bin/qemu-x86_64 && rm -rf qemu-user_*.deb lists cache; } >/dev/null 2>&1 || true
 	@$(COMPARE) --check
 
 test-processors: qemu ## compare bits of short runs and suite `ci` with those on an emulated Haswell (20 minutes), or on PROCESSORS; with SHORT=1 short runs alone
