@@ -178,5 +178,19 @@ def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
         if limb.ball:
             q[limb.q_at + ns], own[ns:] = 1.0, omega[b]
         elif len(limb.turns):
-            own[ns:] = np.linalg.lstsq(limb.turns.T, omega[b] - omega[p], rcond=None)[0]
+            own[ns:] = _components(limb.turns, omega[b] - omega[p])
     return q, u
+
+
+def _components(axes: np.ndarray, w: np.ndarray) -> list[float]:
+    """Return the components of w along one axis, or two, by least squares; no linear algebra of a library decides."""
+    along = [_product(a, w) for a in axes]
+    if len(axes) == 1:
+        return [along[0] / _product(axes[0], axes[0])]
+    p, q, both = _product(axes[0], axes[0]), _product(axes[1], axes[1]), _product(axes[0], axes[1])
+    size = p * q - both * both
+    return [(q * along[0] - both * along[1]) / size, (p * along[1] - both * along[0]) / size]
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
