@@ -167,8 +167,9 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
     """NumPy's names of what it is to do without: it complains of names that its build does not choose from.
 
     So it is asked, in a process of its own as it reads the environment once, and its answer is kept for that build:
-    all names, whatever this processor has, since one that is emulated, or another of a cluster, may read them.
+    all names, since another processor of a cluster may read them. Of these, those that this processor has.
     """
+    flags = processor_flags()
     kept = _kept_names()
     names = _read(str(kept)).strip()
     if not kept.is_file() or not NAMES.fullmatch(names):
@@ -180,7 +181,8 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
         with contextlib.suppress(OSError):
             kept.parent.mkdir(parents=True, exist_ok=True)
             kept.write_text(names, encoding="ascii")
-    return tuple(sorted(set(names.split()) - target.loops))
+    unwanted = set(names.split()) - target.loops
+    return tuple(sorted(n for n in unwanted if "avx512f" in flags or n.lower() in flags))  # all of x86-64 need AVX-512
 
 
 def _kept_names() -> Path:
