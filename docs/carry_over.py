@@ -18,7 +18,7 @@ from typing import Any
 
 from mbsbench.harness import machine
 from mbsbench.harness.files import to_json
-from mbsbench.harness.results.carried import FILE, Generation, carry, present, read_carried
+from mbsbench.harness.referee.carried import FILE, Generation, carry, present, read_carried
 from mbsbench.harness.results.comparison import compare, is_repeatable
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.store import load, newest
@@ -48,7 +48,12 @@ def main(parent: str) -> int:
     if not equal:
         _say(f"nothing is carried over from {commit[:8]}")
         return 1
-    shown = f"{len(equal)} runs of suites ci and referee, bit for bit"
+    judged = [d.pop("verdicts") for d in digests]
+    unlike = sorted(k for k in {*judged[0], *judged[1]} if judged[0].get(k) != judged[1].get(k))
+    if unlike:
+        _say(f"verdicts on these runs differ, so rules of judging are not carried over: {', '.join(unlike)}")
+        digests[0]["judging"] = ""
+    shown = f"{len(equal)} runs of suites ci and referee, bit for bit, and the verdicts on them"
     solvers, problems = {r.solver for r in equal}, {r.problem for r in equal}
     old = Generation(**digests[0], commit=commit, shown=shown)
     FILE.write(to_json(carry(old, present(), read_carried(), solvers, problems)) + "\n")

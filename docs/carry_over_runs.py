@@ -11,6 +11,9 @@ from pathlib import Path
 from unittest.mock import MagicMock  # a watcher that says nothing
 
 from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.referee.claims.register import read_register
+from mbsbench.harness.referee.currency import JUDGING
+from mbsbench.harness.referee.judge import judge_results
 from mbsbench.harness.results import codes
 from mbsbench.harness.suites.suite import Suite, load_suite
 
@@ -18,7 +21,7 @@ DRAWN = 100
 
 
 def main(folder: Path, seed: str) -> None:
-    """Make suite ``ci`` and a hundred runs of ``referee``; print the digests of the code."""
+    """Make suite ``ci`` and a hundred runs of ``referee``; print the digests of the code and the verdicts on claims."""
     known = sorted(load_suite("referee").specs, key=lambda s: s.settings_id)
     random.Random(seed).shuffle(known)
     drawn = [*load_suite("ci").specs, *known[:DRAWN]]
@@ -28,7 +31,10 @@ def main(folder: Path, seed: str) -> None:
     suite = Suite("carried", "runs by two states of the code", tuple({s.settings_id: s for s in drawn}.values()), "")
     run_suite(Request(suite, folder, os.cpu_count() or 1), MagicMock())
     here = codes.package_sources()
-    sys.stdout.write(json.dumps({"solvers": here.solvers, "problems": here.problems, "measuring": here.measuring}))
+    digests = {"solvers": here.solvers, "problems": here.problems, "measuring": here.measuring}
+    claims = judge_results(folder, read_register())["claims"]
+    verdicts = {c.id: [c.verdicts, *([f.holds, f.settings, f.rows] for f in c.findings)] for c in claims}
+    sys.stdout.write(json.dumps({**digests, "judging": here.of(*JUDGING), "verdicts": verdicts}))
 
 
 if __name__ == "__main__":

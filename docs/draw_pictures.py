@@ -15,7 +15,7 @@ import numpy as np
 
 from mbsbench import solve
 from mbsbench.harness.places import Place
-from mbsbench.harness.results.carried import list_equal
+from mbsbench.harness.referee.carried import list_equal
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.results.store import LOCAL, write_record

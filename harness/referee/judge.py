@@ -7,7 +7,6 @@ from typing import Any
 
 from ..places import Place
 from ..results import store
-from ..results.carried import bring_forward
 from ..results.judgements import files
 from ..results.judgements.claims import Claim, Code
 from ..results.judgements.files import format_judgement
@@ -15,6 +14,7 @@ from ..results.provisional import latest_of_each
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
 from ..suites.suite import load_suite
+from .carried import bring_forward
 from .certificates.drift import analyse_drift
 from .certificates.orders import certify
 from .certificates.symmetries import check_symmetries

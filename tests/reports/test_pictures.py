@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness.results.carried import is_of_this_code
+from mbsbench.harness.referee.carried import is_of_this_code
 from mbsbench.harness.results.records import reasons_of
 from mbsbench.reports.model.results import read_results
 

@@ -4,14 +4,14 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.harness.files import FileError, to_json
-from mbsbench.harness.results import carried
-from mbsbench.harness.results.carried import Generation, bring_forward, carry, is_of_this_code, present, read_carried
+from mbsbench.harness.referee import carried
+from mbsbench.harness.referee.carried import Generation, bring_forward, carry, is_of_this_code, present, read_carried
 from mbsbench.harness.results.codes import code_of
 from mbsbench.harness.results.judgements.claims import Code
 
-FIRST = Generation({"rattle": "r1"}, {"chain": "c1"}, "m1", "commit 1")
+FIRST = Generation({"rattle": "r1"}, {"chain": "c1"}, "m1", "j1", "commit 1")
 ALL = {"rattle"}, {"chain"}
-SECOND = Generation({"rattle": "r2"}, {"chain": "c1"}, "m1", "commit 2")
+SECOND = Generation({"rattle": "r2"}, {"chain": "c1"}, "m1", "", "commit 2")
 
 
 @pytest.fixture
@@ -35,9 +35,10 @@ def test_what_was_published_of_any_earlier_generation_counts(published):
     here = present()
     for old in (FIRST, SECOND):
         assert is_of_this_code("chain", "rattle", old.code_of("chain", "rattle"))
-        code = bring_forward(Code(old.solvers, old.problems, old.measuring, "judging", "runs"))
+        code = bring_forward(Code(old.solvers, old.problems, old.measuring, "j1", "runs"))
+        judging = here.judging if old is FIRST else "j1"  # of the second nobody compared verdicts
         assert code == Code({"rattle": here.solvers["rattle"]}, {"chain": here.problems["chain"]}, here.measuring,
-                            "judging", "runs")  # fmt: skip
+                            judging, "runs")  # fmt: skip
 
 
 def test_other_code_is_not_carried(published):

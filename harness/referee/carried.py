@@ -2,7 +2,8 @@
 
 A digest changes with every name in the code. What is published stays true of code whose runs have the same bits:
 ``docs/carry_over.py`` makes suite ``ci`` and a hundred runs of suite ``referee`` by an earlier commit and by the
-present code, and notes in ``results/published/carried.json`` the digests of both, of solvers whose runs are all equal.
+present code, judges both, and notes in ``results/published/carried.json`` the digests of both, of solvers whose runs are
+all equal; those of judging where all verdicts and counts are.
 """
 
 from collections.abc import Collection
@@ -13,10 +14,11 @@ import msgspec
 
 from ..files import parse_json, read_text
 from ..places import Place
+from ..results import codes
+from ..results.judgements.claims import Code
+from ..results.judgements.files import PUBLISHED
 from ..shapes import Shape, convert_shape
-from . import codes
-from .judgements.claims import Code
-from .judgements.files import PUBLISHED
+from .currency import JUDGING
 
 FILE = PUBLISHED / "carried.json"
 
@@ -27,12 +29,13 @@ class Generation(Shape, frozen=True):
     solvers: dict[str, str]
     problems: dict[str, str]
     measuring: str
+    judging: str = ""
     commit: str = ""
     shown: str = ""  # the runs that had equal bits then and at the generation after it
 
     def is_same_code(self, other: "Generation") -> bool:
         """Whether all digests are equal."""
-        return (self.solvers, self.problems, self.measuring) == (other.solvers, other.problems, other.measuring)
+        return all(getattr(self, k) == getattr(other, k) for k in ("solvers", "problems", "measuring", "judging"))
 
     def includes(self, code: Code) -> bool:
         """Whether published verdicts are of this code."""
@@ -55,7 +58,7 @@ class Carried(Shape, frozen=True):
 def present() -> Generation:
     """Return the digests of the code that is here."""
     here = codes.package_sources()
-    return Generation(here.solvers, here.problems, here.measuring)
+    return Generation(here.solvers, here.problems, here.measuring, here.of(*JUDGING))
 
 
 def read_carried(path: Place | Path = FILE) -> Carried | None:
@@ -83,11 +86,15 @@ def is_of_this_code(problem: str, solver: str, code: str) -> bool:
 def bring_forward(code: Code) -> Code:
     """The digests of published verdicts, those of equal bits in the words of the present code."""
     here = present()
-    if not any(g.includes(code) for g in list_equal()):
+    known = [g for g in list_equal() if g.includes(code)]
+    if not known:
         return code
-    now = ({k: known.get(k, "") for k in own} for own, known in
+    now = ({k: of.get(k, "") for k in own} for own, of in
            ((code.solvers, here.solvers), (code.problems, here.problems)))  # fmt: skip
-    return msgspec.structs.replace(code, solvers=next(now), problems=next(now), measuring=here.measuring)
+    judging = here.judging if any(g.judging == code.judging for g in known) else code.judging
+    return msgspec.structs.replace(
+        code, solvers=next(now), problems=next(now), measuring=here.measuring, judging=judging
+    )
 
 
 def carry(
