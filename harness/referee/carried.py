@@ -2,8 +2,8 @@
 
 A digest changes with every name in the code. What is published stays true of code whose runs have the same bits:
 ``docs/carry_over.py`` makes suite ``ci`` and a hundred runs of suite ``referee`` by an earlier commit and by the
-present code, judges both, and notes in ``results/published/carried.json`` the digests of both, of solvers whose runs are
-all equal; those of judging where all verdicts and counts are.
+present code, judges both, and notes in ``results/published/carried.json`` the digests of both, of solvers whose runs
+are all equal; those of judging where all verdicts and counts are.
 """
 
 from collections.abc import Collection
