@@ -49,7 +49,8 @@ def change_by_rounding(problem: Problem, seed: int) -> Problem:
 def test_no_frame_and_no_rounding_changes_a_status(solver: str) -> None:
     """Every method of the gate, at the gate's setting, over the fall and the first rise of the pendulum."""
     (spec,) = runs_of(solver)
-    out = [solve(spec, yaw, 1.0) for yaw in YAWS] + [solve(spec, 0.0, 1.0, seed) for seed in range(5)]
+    t_end = spec.parameters["t_end"] if solver == "gauss_joint" else 1.0  # of long steps, which take most sweeps
+    out = [solve(spec, yaw, t_end) for yaw in YAWS] + [solve(spec, 0.0, t_end, seed) for seed in range(5)]
     assert {o.status for o in out} == {Status.SUCCESS}, [o.message for o in out]
 
 
