@@ -84,7 +84,7 @@ class Stages(NamedTuple):
     y: Any  # (ny,)
     after: Any  # (ny,)
     guard: Any  # (2,)
-    limits: Any  # (3,) least pivot, largest gap of rows that were left out, rounding of phi
+    limits: Any  # (4,) least pivot, largest gap of rows that were left out, rounding of phi, ``PLAIN_SWEEPS``
     past: Any  # (2,) number of steps before that are known, and their h
     most: Any  # (1,) largest number of sweeps in a step
     entered: Any  # (n,) unknowns before a sweep
@@ -141,7 +141,7 @@ def step(s: Any) -> None:
         elif not slow and sweep % LOOK == 0:
             if sweep > 0:
                 expected = size
-                for _ in range(sweep, PLAIN_SWEEPS - 1, LOOK):
+                for _ in range(sweep, int(s.limits[3]) - 1, LOOK):
                     expected *= size / seen
                 slow = expected > TIGHT
             seen = size
@@ -420,7 +420,9 @@ class Marcher(marching.Marcher):
             *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, unknowns, F,
             np.zeros((DEPTH, stages, 2, nq)), lam_of_nodes, np.zeros((DEPTH, m, r)),
             np.zeros((m - 1, r)), rows, gaps, solved, push, pushes, y, after, guard,
-            np.array([POOR_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0)]),
+            np.array([
+                POOR_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0), PLAIN_SWEEPS,
+            ]),
             np.zeros(2), np.zeros(1), unknowns.copy(), unknowns.copy(), np.zeros(changing), np.zeros(changing),
             np.zeros(changing),
             np.zeros((MEMORY, changing)), np.zeros((MEMORY, len(unknowns))), *(programs[name].entry for name in CALLS),
