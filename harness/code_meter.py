@@ -7,6 +7,7 @@ process that keeps its limits.
 """
 
 import contextlib
+import gc
 import math
 import mmap
 import os
@@ -23,6 +24,7 @@ from .clock import cpu_seconds
 
 CODE_LIMIT = 600.0  # [s] of CPU for the code of one run: all of ours, made anew, takes a tenth of that
 PACKAGE = __name__.split(".")[0]
+UNSETTLED = 0.2  # [s] of making code: a collection takes up to as long
 SLOTS = 4  # processes above one another that tell their times in one page
 Made = TypeVar("Made", bound=Callable[..., Any])
 
@@ -67,6 +69,7 @@ class _Process:
     made_below: float = 0.0  # [s] by processes that it has started
     page: CodePage | None = None
     slot: int = 0
+    settled: float = 0.0  # [s] of it whose garbage has been collected
     soft_limit: int = 0  # [s] of CPU at which the system ends this process, code left out; 0: none
     lock: Any = field(default_factory=threading.Lock)
 
@@ -131,6 +134,14 @@ class _MakingCode:
 
 
 making_code = _MakingCode()
+
+
+def settle() -> None:
+    """Collect what compilers have left in memory, as part of making code: else it is done in the time of a solver."""
+    if _process.made - _process.settled > UNSETTLED:
+        with making_code:
+            gc.collect()
+        _process.settled = _process.made
 
 
 def is_making_code() -> bool:

@@ -14,7 +14,7 @@ import scipy.spatial.transform  # noqa: F401
 
 from ..catalogue import registry
 from ..clock import cpu_seconds_of_tree
-from ..code_meter import code_seconds_of_tree, listen_to_numba
+from ..code_meter import code_seconds_of_tree, listen_to_numba, settle
 from ..files import exact
 from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
@@ -79,6 +79,7 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
         about["missing_package"] = reason.package if isinstance(reason, NotInstalled) else ""
         cost = {**before, "code_s": code}
         return Handover(SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_exact(cost), **about), None)
+    settle()  # after imports and ``refuses`` of plugins
     trajectory, cost = solve_repeatedly(called, problem, control, repeats)
     cost["setup_s"] += sum(before.values()) + code
     cost["code_s"] += code

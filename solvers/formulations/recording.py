@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.code_meter import Stopwatch
+from ...harness.code_meter import Stopwatch, settle
 from ...harness.mechanics.jacobian import constraint_jacobian
 from ...harness.mechanics.motion import constraint
 from ...harness.mechanics.state import States
@@ -54,6 +54,7 @@ class Clock:
 
     def restart(self) -> float:
         """CPU time until here [s], code included, the set-up; it counts anew, but the limit is on the whole call."""
+        settle()
         before, self.part = self.part, Stopwatch()
         return before.solver + before.code
 

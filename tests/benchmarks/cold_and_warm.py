@@ -2,14 +2,14 @@
 
 Each solver of the suite ``ci`` runs the first settings of up to two problems, each time in a new process that has the
 code of no other: once with an empty cache, then five times with what that has left there. The exit code is 1 where a
-cold time is farther from the warm ones than these are from each other.
+cold time is farther above the warm ones than these are from each other, and stays so when it is taken again.
 """
 
 import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from mbsbench.harness.catalogue import registry
@@ -21,6 +21,7 @@ from mbsbench.harness.suites.suite import load_suite
 from mbsbench.solvers.formulations.generated import code
 
 PROBLEMS, REPEATS = 2, 5
+AGAIN = 2  # times that a cold run which stands out is made again: code would stand out each time
 TIMES = ("cpu_median_s", "cpu_call_s", "cpu_refuses_s")
 FINE = 5e-4  # [s]: what a system that interrupts a process adds to a time now and then
 LIMIT, MEMORY = 300.0, 4000.0  # [s], [MB]
@@ -36,7 +37,13 @@ def main(names: Sequence[str]) -> int:
     for spec in choose_runs(names):
         with tempfile.TemporaryDirectory() as place:
             cold, *warm = (time_apart(spec, Path(place)) for _ in range(1 + REPEATS))
-        outside = [name for name in TIMES if not is_within(cold[name], [w[name] for w in warm])]
+        outside = find_outside(cold, warm)
+        for _ in range(AGAIN):
+            if not outside:
+                break
+            with tempfile.TemporaryDirectory() as place:
+                cold = time_apart(spec, Path(place))
+            outside = [name for name in find_outside(cold, warm) if name in outside]
         failed += bool(outside)
         times = sorted(w["cpu_median_s"] for w in warm)
         numbers = [
@@ -75,10 +82,14 @@ def time_apart(spec: RunSpec, folder: Path) -> dict[str, float]:
     return {name: float(value) for name, value in json.loads(ended.sent).items()}
 
 
-def is_within(cold: float, warm: Sequence[float]) -> bool:
-    """Whether one more time is as near to others as these are to each other."""
-    spread = max(max(warm) - min(warm), FINE)
-    return min(warm) - spread <= cold <= max(warm) + spread
+def find_outside(cold: Mapping[str, float], warm: Sequence[Mapping[str, float]]) -> list[str]:
+    """Times that are farther above all warm ones than these are from each other."""
+    found = []
+    for name in TIMES:
+        of_warm = [w[name] for w in warm]
+        if cold[name] > max(of_warm) + max(max(of_warm) - min(of_warm), FINE):
+            found.append(name)
+    return found
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ....harness.catalogue.options import option
-from ....harness.code_meter import Stopwatch, making_code
+from ....harness.code_meter import Stopwatch, making_code, settle
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..refusals import without_phi
 from . import marching, mechanism
@@ -200,6 +200,7 @@ def _march(problem: Problem, control: StepControl, method: Method, marcher: Any,
     """March; ``watch`` runs since the call began. Code that is made on the way is set-up."""
     system, state, order = problem.system, marcher.state, marcher.kernel.order
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * system.nb + system.nrows)))))
+    settle()
     set_up = watch.solver
     done: list[Record] = []
     taken, status, message = 0, Status.SUCCESS, ""

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.code_meter import Stopwatch, making_code
+from ....harness.code_meter import Stopwatch, making_code, settle
 from ....harness.mechanics.state import State
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled import host as kernel
@@ -301,6 +301,7 @@ class Relay:
                 if not self._choose_pivots():
                     self.state["outcome"] = STUCK  # whatever was tried
                     self._go_on_without()
+            settle()
         return record
 
     def _choose_pivots(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ....harness.code_meter import making_code
+from ....harness.code_meter import making_code, settle
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.algebra import close_rotations
@@ -82,6 +82,7 @@ class Relieved:
         if self._other is None:
             with making_code:
                 self._other = Marcher(self._problem, self._full, self.state)
+            settle()
         return self._other
 
     def explain(self, outcome: int) -> str:
