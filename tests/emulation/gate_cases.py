@@ -23,8 +23,8 @@ FIRST = (
     "four_bar_grid",
 )  # spatial and loaded; long; redundant: then the others
 OTHERS = {  # solvers in whose loop other people's code computes, which only a pin of its processor holds still
-    "scipy": "sums of stages by BLAS (numpy.dot), in scipy.integrate",
-    "scipy_dae": "LU factorisation and sums by LAPACK and BLAS, in scipy_dae",
+    "scipy": "scipy.integrate sums stages by BLAS (numpy.dot), and LAPACK factorises A M^-1 A^T (dpbtrf)",
+    "scipy_dae": "scipy_dae sums by BLAS, and LAPACK factorises Newton's matrix (dgetrf, dgbtrf)",
 }
 REASONS = {
     "rk45_strong_form": "scipy", "scipy_strong_form": "scipy", "ndf_index1": "scipy_dae", "radau_index1": "scipy_dae",
