@@ -26,3 +26,14 @@ def dot(a: Float[np.ndarray, " k"], b: Float[np.ndarray, " k"]) -> float:
     for x, y in zip(a.tolist(), b.tolist(), strict=True):
         out += x * y
     return out
+
+
+def inverse(A: Float[np.ndarray, "*stack n n"]) -> Float[np.ndarray, "*stack n n"]:
+    """Return A^-1 by elimination without a choice of pivots: of inertias, of tableaux, of stacks of them."""
+    n = A.shape[-1]
+    rows = np.concatenate((A, np.broadcast_to(np.eye(n), A.shape)), axis=-1)
+    for k in range(n):
+        pivot = rows[..., k, :] / rows[..., k, k : k + 1]
+        rows = rows - rows[..., :, k : k + 1] * pivot[..., None, :]
+        rows[..., k, :] = pivot
+    return np.ascontiguousarray(rows[..., n:])

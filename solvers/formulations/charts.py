@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from ...harness.mechanics.fixed_order import apply
 from ...harness.mechanics.state import State, States
 
 NORM_RATE = 1.0  # [1/s] at which |q| returns to 1; slow compared with every motion here: it never limits the step
@@ -115,12 +116,15 @@ class Euler313(Chart):
         theta = np.arctan2(np.hypot(R[:, 0, 2], R[:, 1, 2]), R[:, 2, 2])
         phi, psi = np.arctan2(R[:, 0, 2], -R[:, 1, 2]), np.arctan2(R[:, 2, 0], R[:, 2, 1])
         p = np.concatenate((state.r, np.stack((phi, theta, psi), axis=1)), axis=1)
-        rates = np.linalg.solve(self.rotation_rates(p), state.Omega[:, :, None])[:, :, 0]
+        a, b, c = state.Omega.T
+        phi_dot = (np.sin(psi) * a + np.cos(psi) * b) / np.sin(theta)
+        theta_dot = np.cos(psi) * a - np.sin(psi) * b
+        rates = np.stack((phi_dot, theta_dot, c - np.cos(theta) * phi_dot), axis=1)
         return p, np.concatenate((state.v, rates), axis=1)
 
     def states(self, p: np.ndarray, u: np.ndarray) -> States:
         R = Rotation.from_euler("ZXZ", p[..., 3:].reshape(-1, 3)).as_matrix().reshape(*p.shape[:-1], 3, 3)
-        Omega = np.einsum("tbij,tbj->tbi", self.rotation_rates(p), u[..., 3:])
+        Omega = apply(self.rotation_rates(p), u[..., 3:])
         return States(p[..., :3], R, u[..., :3], Omega)
 
     def margin(self, p: np.ndarray) -> np.ndarray:

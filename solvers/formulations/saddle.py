@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.code_meter import making_code
+from ...harness.mechanics.fixed_order import inverse
 from ...harness.types import Status
 from .charts import Chart
 from .generated import Code, Loop, Program, compile_functions
@@ -34,7 +35,7 @@ class InverseMass:
         self._chart, self._p = chart, y[layout.p]
         free = np.zeros((s.nb, 6, 6))
         free[:, :3, :3] = np.eye(3) / s.mass[:, None, None]
-        free[:, 3:, 3:] = np.linalg.inv(s.regular_inertia)
+        free[:, 3:, 3:] = inverse(s.regular_inertia)
         used, block = free != 0.0, np.arange(6 * s.nb).reshape(s.nb, 6)
         self.data, self.steps = free.ravel(), list[Step]()
         if not chart.constant_mass:

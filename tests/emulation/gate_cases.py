@@ -1,7 +1,7 @@
 """The gate's cases at reduced length, in whatever Python runs this: digests of the motions, to compare two systems.
 
-python gate_cases.py run OUT.json [SECONDS]      run the cases in turn until so much CPU time is used
-python gate_cases.py compare HERE.json THERE.json    print the table; exit code 1 where a motion differs unexplained
+python gate_cases.py run OUT.json [SECONDS [SOLVER ...]]: run the cases in turn until so much CPU time is used
+python gate_cases.py compare HERE.json THERE.json: print the table; exit code 1 where a motion differs unexplained
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ import platform
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,8 +23,8 @@ FIRST = (
     "four_bar_grid",
 )  # spatial and loaded; long; redundant: then the others
 OTHERS = {  # solvers in whose loop other people's code computes, which only a pin of its processor holds still
-    "scipy": "sums of stages by BLAS (numpy.dot), in scipy.integrate",
-    "scipy_dae": "LU factorisation and sums by LAPACK and BLAS, in scipy_dae",
+    "scipy": "scipy.integrate sums stages by BLAS (numpy.dot), and LAPACK factorises A M^-1 A^T (dpbtrf)",
+    "scipy_dae": "scipy_dae sums by BLAS, and LAPACK factorises Newton's matrix (dgetrf, dgbtrf)",
 }
 REASONS = {
     "rk45_strong_form": "scipy", "scipy_strong_form": "scipy", "ndf_index1": "scipy_dae", "radau_index1": "scipy_dae",
@@ -46,14 +46,14 @@ def list_cases() -> Iterator[Any]:
         yield dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end})
 
 
-def run(out: Path, seconds: float) -> None:
+def run(out: Path, seconds: float, solvers: Collection[str]) -> None:
     """Write, for each case, its status, a digest of its motion and its last state; say on the way where it is."""
     import numpy as np
 
     from mbsbench.harness.catalogue import registry
 
     found: dict[str, Any] = {}
-    cases = list(list_cases())
+    cases = [spec for spec in list_cases() if not solvers or spec.solver in solvers]
     for spec in cases:
         began = time.process_time()
         if began > seconds:
@@ -118,6 +118,6 @@ def _distance(x: dict[str, Any], y: dict[str, Any]) -> float:
 if __name__ == "__main__":
     what, *given = sys.argv[1:]
     if what == "run":
-        run(Path(given[0]), float(given[1]) if len(given) > 1 else float("inf"))
+        run(Path(given[0]), float(given[1]) if len(given) > 1 else float("inf"), given[2:])
     else:
         sys.exit(compare(Path(given[0]), Path(given[1])))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.mechanics import joints
+from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
@@ -169,7 +170,7 @@ def empty_kernel(system: MultibodySystem) -> Kernel:
     pair = _pairs(system)
     width = 3 if np.max(size, initial=0) <= 3 else WIDTH
     return Kernel(
-        mass=np.array(system.mass), J=np.array(system.regular_inertia), J_inv=np.linalg.inv(system.regular_inertia),
+        mass=np.array(system.mass), J=np.array(system.regular_inertia), J_inv=inverse(system.regular_inertia),
         body=body, row=row, pins=pins, blocks=blocks, state=np.zeros((), dtype=STATE),
         users=Users(users, np.array([law.entry.address for law in system.user_law], dtype=np.int64),
                     np.zeros(NUMBERS_READ), np.zeros((4, 3))),

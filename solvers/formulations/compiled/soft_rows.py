@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ....harness.mechanics import joints
+from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import MultibodySystem
 from .bundles import make_bundle
 from .kernel import Kernel, empty_kernel, finish_kernel
@@ -47,7 +48,7 @@ def make_springs(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np
     )  # fmt: skip
     stages, made = stack_kernels(as_joints, n, ("rows", "push", "slips"))
     for k in made:
-        k.J_inv[:] = np.linalg.inv(s.regular_inertia)  # added inertia depends on joints
+        k.J_inv[:] = inverse(s.regular_inertia)  # added inertia depends on joints
     law = np.zeros((3, m))
     law[:, made[0].order] = s.spring_k, s.spring_d0, s.spring_c
     return stages, made, law

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem
 from ..compiled.algebra import clear, copy, largest, theta_dot
@@ -64,10 +65,10 @@ def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tol
     """The bundle of a step, with kernels of the stages, which have no spring-dampers; ``before`` is the last step."""
     stages, made = stack_kernels(without_springs(system), 3, NEEDED, code)
     springs = make_soft_rows(system, len(kernel.lam), A, made)
-    scheme, inverse = make_record(tolerance=tolerance, before=0.0, changed=0.0), np.linalg.inv(A).copy()
+    scheme = make_record(tolerance=tolerance, before=0.0, changed=0.0)
     return add_entries(make_step(
         kernel, control, arrays=ARRAYS, entries=tuple(ENTRIES), stages=stages, springs=springs, scheme=scheme, a=A,
-        c=C, inverse=inverse, estimate=ERROR,
+        c=C, inverse=inverse(A), estimate=ERROR,
     ))  # fmt: skip
 
 

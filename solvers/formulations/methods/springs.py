@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.bundles import make_bundle
 from ..compiled.entries import Bound, inner, run
 from ..compiled.soft_rows import make_springs
 from ..generated import Program
-from ..generated.steps import call_lapack, integer
 from .products import add_scaled
 
 ARRAYS = {
@@ -41,19 +41,47 @@ ARRAYS = {
 def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: Any) -> Any:
     """Rows of the springs of ``system`` for three stages with the tableau ``a``; keeps alive ``keeps``, too.
 
-    ``matrix`` are by ``factorise`` its factors, ``right`` is by ``solve`` the solution.
+    ``matrix`` are by ``_factorise`` its factors, ``right`` is by ``_solve`` the solution.
     """
     stages, made, law = make_springs(system, 3)
     ns = law.shape[1]
     matrix, right = np.zeros((3 * ns, 3 * ns)), np.zeros(3 * ns)
-    n, one, info, pivots = integer(3 * ns), integer(1), integer(0), np.zeros(3 * ns, "i4")
-    factorise = Program([call_lapack("dgetrf", n, n, matrix, n, pivots, info)] if ns else [])
-    transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
-    solve = [call_lapack("dgetrs", transposed, n, one, matrix, n, pivots, right, n, info)] if ns else []
     return make_bundle(
-        "Springs", ARRAYS, {"nb": system.nb, "ns": ns, "nr": nrows}, stages=stages, law=law, a=a, square=a @ a,
-        matrix=matrix, right=right, factorise=factorise, solve=Program(solve, (keeps, made)),
+        "Springs", ARRAYS, {"nb": system.nb, "ns": ns, "nr": nrows}, stages=stages, law=law, a=a, square=product(a, a),
+        matrix=matrix, right=right, pivots=np.zeros(3 * ns, dtype=np.int64), kept=Program([], (keeps, made)),
     )  # fmt: skip
+
+
+@inner
+def _factorise(A, pivots):
+    """A := its factors by rows, with the largest pivot of each column; in one order of operations, unlike LAPACK's."""
+    n = len(A)
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[best, k]):
+                best = i
+        pivots[k] = best
+        for j in range(n):
+            A[k, j], A[best, j] = A[best, j], A[k, j]
+        for i in range(k + 1, n):
+            A[i, k] /= A[k, k]
+            for j in range(k + 1, n):
+                A[i, j] -= A[i, k] * A[k, j]
+
+
+@inner
+def _solve(A, pivots, x):
+    """x := A^-1 x by the factors."""
+    n = len(A)
+    for k in range(n):
+        x[k], x[pivots[k]] = x[pivots[k]], x[k]
+        for j in range(k):
+            x[k] -= A[k, j] * x[j]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            x[k] -= A[k, j] * x[j]
+        x[k] /= A[k, k]
 
 
 @inner
@@ -117,7 +145,7 @@ def respond(step):
                 for t in range(ns):
                     s.matrix[i * ns + a, j * ns + t] = K * s.G[t, a]
             s.matrix[i * ns + a, i * ns + a] += 1.0
-    run(s.factorise)
+    _factorise(s.matrix, s.pivots)
 
 
 def correct(step):
@@ -134,7 +162,7 @@ def correct(step):
             for j in range(3):
                 x -= h * (s.law[2, a] * s.a[i, j] + h * s.law[0, a] * s.square[i, j]) * s.stretch[j, a]
             s.right[i * ns + a] = x
-    run(s.solve)
+    _solve(s.matrix, s.pivots, s.right)
     for i in range(3):
         clear(g.x[i])
         for t in range(ns):

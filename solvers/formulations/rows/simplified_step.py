@@ -7,6 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ....harness.mechanics.fixed_order import inverse
 from ..generated import Straight
 from .expressions import matrix, pose_rate, row_expressions
 from .mechanism import (
@@ -124,7 +125,7 @@ class SimplifiedStep(Mechanism):
         """What ``_wrenches`` reads, but for B."""
         s, bodies = self.system, []
         for b in part.body:
-            J = snap_zeros(s.regular_inertia[max(b, 0)]), snap_zeros(np.linalg.inv(s.regular_inertia[max(b, 0)]))
+            J = snap_zeros(s.regular_inertia[max(b, 0)]), snap_zeros(inverse(s.regular_inertia[max(b, 0)]))
             numbers = s.mass[b] * s.gravity, s.mass[b : b + 1], J[1].ravel(), J[0].ravel()
             bodies.append(ca.DM(np.concatenate(numbers)) if b >= 0 else ca.DM.zeros(22))
         return [*ends_of(spun, part.body), spun.t, joint_numbers_of(s, part.joint), *bodies]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mbsbench.harness.mechanics.fixed_order import apply, dot, product
+from mbsbench.harness.mechanics.fixed_order import apply, dot, inverse, product
 from mbsbench.solvers.formulations.joint_coordinates.tree import _rates_about
 
 
@@ -32,3 +32,14 @@ def test_rates_about_hinges_are_those_of_least_squares():
         turns, omega = random.standard_normal((n, 3)), random.standard_normal(3)
         expected = np.linalg.lstsq(turns.T, omega, rcond=None)[0]
         np.testing.assert_allclose(_rates_about(turns, omega), expected, rtol=1e-12)
+
+
+def test_inverses_are_numpys_and_exact_where_they_can_be():
+    """Of inertias about any axes, of a tableau; of a diagonal each reciprocal, rounded once."""
+    random = np.random.default_rng(6)
+    A = random.standard_normal((4, 3, 3))
+    J = A @ np.swapaxes(A, 1, 2) + 0.1 * np.eye(3)
+    np.testing.assert_allclose(inverse(J) @ J, np.broadcast_to(np.eye(3), J.shape), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(inverse(J), np.linalg.inv(J), rtol=1e-10)
+    d = random.uniform(0.1, 3.0, 3)
+    assert np.array_equal(inverse(np.diag(d)), np.diag(1.0 / d))
