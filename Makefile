@@ -22,10 +22,15 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 	if test -t 2; then printf '\r%d s ' $$n >&2; fi; sleep 1; n=$$((n + 1)); done; \
 	if test -t 2; then echo >&2; fi; wait $$job
 apt = { apt-get update -qq && apt-get install -y -qq --no-install-recommends $(1); } >&2
+QEMU := $(VENV)/qemu
+BACKPORTS := [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian
+APART := -o Dir::Etc::sourcelist=$(CURDIR)/$(QEMU)/list -o Dir::Etc::sourceparts=- -o Dir::State::lists=$(CURDIR)/$(QEMU)/lists \
+	-o Dir::Cache=$(CURDIR)/$(QEMU)/cache
+COMPARE := $(BIN)/python tests/processors/compare_bits.py
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-shapes test-python test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints article tex slurm test-slurm clean
+.PHONY: help setup test test-shapes test-python test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -143,11 +148,25 @@ slurm: ## install SLURM for its test (apt, as root)
 test-slurm: $(CLUSTER) slurm ## run a suite on a SLURM of one node, started for the test (as root)
 	$(BIN)/python -m pytest -q -rs --benchmark-disable tests/harness/execution/test_slurm.py
 
+qemu: $(READY) ## install qemu-user, which emulates processors (apt, as root); where that errs, a newer one of backports into .venv/qemu
+	@command -v qemu-x86_64 >/dev/null || test -x $(QEMU)/usr/bin/qemu-x86_64 || test "$$(id -u)" != 0 || $(call apt,qemu-user) || true
+	@$(COMPARE) --check 2>/dev/null || ! command -v apt-get >/dev/null || { rm -rf $(QEMU) && mkdir -p $(QEMU)/lists/partial $(QEMU)/cache/archives/partial && \
+	. /etc/os-release && echo "deb $(BACKPORTS) $$VERSION_CODENAME-backports main" >$(QEMU)/list && cd $(QEMU) && \
+	apt-get -qq $(APART) update && apt-get -qq $(APART) download qemu-user && \
+	dpkg --fsys-tarfile qemu-user_*.deb | tar -x ./usr/bin/qemu-x86_64 && rm -rf qemu-user_*.deb lists cache; } >/dev/null 2>&1 || true
+	@$(COMPARE) --check
+
+test-processors: qemu ## compare bits of short runs and suite `ci` with those on an emulated Haswell (20 minutes), or on PROCESSORS; with SHORT=1 short runs alone
+	$(call moving,$(COMPARE) --processors $(or $(PROCESSORS),Haswell) --suites families $(if $(SHORT),,ci),comparing bits with those of an emulated processor)
+
 report: $(READY) ## write the report of the newest results
 	$(BIN)/mbsbench report
 
 gate: $(READY) ## run the suite `ci` and compare it with results/baselines/ci.toml
 	$(BIN)/mbsbench gate
+
+timing: $(READY) ## compare CPU times of suite `ci` on empty caches with five warm repeats, solver by solver (about 15 minutes)
+	$(BIN)/python -m mbsbench.tests.benchmarks.cold_and_warm
 
 bench-kernels: $(READY) ## time the kernels and compare with the last timings of this machine
 	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-autosave --benchmark-storage results/local/kernels \

@@ -7,6 +7,8 @@ change. Names are loaded when they are first used.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .harness import machine
+
 if TYPE_CHECKING:
     from .api import Results as Results
     from .api import Run as Run
@@ -56,6 +58,8 @@ if TYPE_CHECKING:
     from .harness.types import Trajectory as Trajectory
     from .solvers.formulations.compiled.public import accelerations as accelerations
     from .solvers.formulations.compiled.public import project as project
+
+machine.pin()  # before NumPy loads, where it has not yet
 
 _HOMES = {  # the same list for the interpreter, which loads none before it is asked for
     "api": ("Results", "Run", "load", "scipy", "solve"),

@@ -6,16 +6,19 @@
 import dataclasses
 import json
 import math
+import os
 import tempfile
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
+from .harness import machine
 from .harness.catalogue import registry
 from .harness.catalogue.options import nearest
 from .harness.execution.job import Job
@@ -140,6 +143,7 @@ def solve(
 
     Without ``dt`` [s] or ``rtol`` the problem's step or 1e-8. The solver stops itself at ``cpu_limit`` [s].
     """
+    _warn_of_own_bits()
     variant = _resolve_problem(problem, t_end)
     given = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
     entry, made = _resolve_solver(solver, options, variant, list(given))
@@ -176,6 +180,15 @@ def load(path: str | Path, problem: Problem | None = None) -> Run | Results:
 def scipy(method: str, **options: Any) -> Solver:
     """The strong form by a method of scipy: RK23, RK45, DOP853, Radau, BDF or LSODA."""
     return registry.make_solver("scipy_strong_form", {"method": method, **options})
+
+
+@cache
+def _warn_of_own_bits() -> None:
+    """Say once where NumPy was loaded before this package, too early for the pin of its arithmetic."""
+    if os.environ.get(machine.NATIVE) != "1" and (found := machine.find_deviations()):
+        words = f"these runs have the bits of this processor, not those that runs have everywhere ({'; '.join(found)})"
+        remedy = ": import mbsbench before numpy" if machine.variables() else ""
+        warnings.warn(words + remedy, stacklevel=3)
 
 
 def _resolve_problem(given: str | Problem, t_end: float | None) -> Problem:

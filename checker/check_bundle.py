@@ -35,8 +35,9 @@ def angle(y, x, less=0.0):  # atan2 of complex steps less an angle, within half 
     return turned - 2 * np.pi * np.round(turned.real / (2 * np.pi))
 
 
-def log(R, near=ZERO):  # rotation vector, of complex steps; of those that differ by whole turns the nearest to another one
-    a = (R - np.swapaxes(R, -1, -2))[..., [2, 0, 1], [1, 2, 0]] / 2
+def log(R, near=ZERO, W=0):  # rotation vector, and its rate (W: complex step), of the nearest rotation; of whole turns those near another
+    U, _, V = np.linalg.svd(np.where(np.isfinite(R), R, 0))
+    a = ((R := U @ V @ (ONE + 1j * STEP * W)) - np.swapaxes(R, -1, -2))[..., [2, 0, 1], [1, 2, 0]] / 2
     sine = np.sqrt(dot(a, a) + 0j)[..., None]
     axis, turned = a / np.where(sine == 0, 1, sine), angle(sine, (np.trace(R, 0, -2, -1)[..., None] - 1) / 2)
     return axis * (turned + 2 * np.pi * np.round((dot(near, axis.real)[..., None] - turned.real) / (2 * np.pi)))
@@ -198,10 +199,9 @@ class Problem:  # its validated numbers and exact motion; the laws of mechanics,
     def find_between(self, s, at):  # poses at a time by the cubics of the steps around it
         k = min(max(np.searchsorted(s[:, 0], at, "right") - 1, 0), len(s) - 2)
         (r, R, v, w, W), h = (a[k : k + 2] for a in unpack(s)), s[k + 1, 0] - s[k, 0]
-        theta, x = log(R[0].swapaxes(1, 2) @ R[1] @ (ONE + 1j * STEP * W[1]), h / 2 * w.sum(0)), (at - s[k, 0]) / h
-        series = w[1] + np.cross(theta.real, w[1] / 2 + np.cross(theta.real, w[1]) / 12)  # beyond half a turn
-        rate = np.where(norm(theta.real)[:, None] < np.pi, theta.imag / STEP, series)
-        weights, steps = (x**2 * (3 - 2 * x), h * x * (1 - x) ** 2, h * x**2 * (x - 1)), ((r[1] - r[0], *v), (theta.real, w[0], rate))
+        theta, x = log(R[0].swapaxes(1, 2) @ R[1], h / 2 * w.sum(0), W[1]), (at - s[k, 0]) / h  # beyond half a turn a series:
+        rate = np.where(norm(a := theta.real)[:, None] < np.pi, theta.imag / STEP, w[1] + np.cross(a, w[1] / 2 + np.cross(a, w[1]) / 12))
+        weights, steps = (x**2 * (3 - 2 * x), h * x * (1 - x) ** 2, h * x**2 * (x - 1)), ((r[1] - r[0], *v), (a, w[0], rate))
         shift, turned = (sum(map(np.multiply, weights, step)) for step in steps)
         return r[0] + shift, R[0] @ exp(turned)
 

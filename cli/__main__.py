@@ -11,7 +11,7 @@ from typing import NoReturn
 if not hasattr(os, "fork"):  # before the imports below fail, one by one, on what Windows does not have
     sys.exit("error: mbsbench runs solvers in forked processes, which Windows does not have: use WSL")
 
-from ..harness.results.environment import THREADS
+from ..harness import machine
 from .commands import add_commands
 from .parser import UsageError, top_parser
 
@@ -21,13 +21,15 @@ INTERRUPTED = {
 }
 OWN_MESSAGE = ("solve",)
 
-os.environ.update(THREADS)  # before numpy is loaded, which reads them once
+os.environ.update(machine.THREADS)  # before NumPy is loaded, which reads them once
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse and run a subcommand; returns the exit code. Without one, or with --help, the list of commands: 0."""
     words = sys.argv[1:] if arguments is None else arguments
     command = ""
+    if "--native" in words:  # now: NumPy reads its environment when a command loads it
+        machine.unpin()
     try:
         parser, commands = top_parser()
         add_commands(commands)

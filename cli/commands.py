@@ -23,6 +23,10 @@ from .arguments import (
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 FILTERS = ("problem", "solver", "status", "label")
 SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
+COMPUTING = (  # take --native
+    "solve", "run", "check", "try", "advise", "ensemble", "fuzz", "referee", "shadow", "claim", "gate", "submit",
+)  # fmt: skip
+NATIVE = "compute as this processor does it fastest; else the same bits on every processor with AVX2"
 CHANGES = 40  # shown by diff
 TRUTH = "rkmk_dop853"  # compiled once for all starts
 SEED = 1  # the same sample every time, unless --seed says otherwise
@@ -50,6 +54,8 @@ def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argpar
     description = f"{summary[0].upper()}{summary[1:]}."
     p: argparse.ArgumentParser = commands.add_parser(name, help=summary.partition(";")[0], description=description)
     p.set_defaults(command=name)
+    if name in COMPUTING:
+        p.add_argument("--native", action="store_true", help=NATIVE)
     if json:
         p.add_argument("--json", action="store_true", help=f"print JSON: {json}")
     return p
@@ -276,7 +282,7 @@ def _add_gate(commands: Any) -> None:
     p.add_argument("--without", metavar="PACKAGE", action="append", default=[], help=without)
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
     p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
-    spread = "with --update: bounds around N repeats that differ by rounding"
+    spread = "with --update: repeat each run N times, changed by rounding alone, and widen bounds by that"
     p.add_argument("--spread", type=int, metavar="N", help=spread)
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
     p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")

@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import dataclasses
 import difflib
-import itertools
 import math
 import re
 import tempfile
@@ -15,12 +14,14 @@ from typing import Any
 
 from rich.text import Text
 
+from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Request, new_folder
 from ..harness.files import write_text
 from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
 from ..harness.gate.check import STATES, Judged, judge, select_judged, tighten_bounds
 from ..harness.gate.files import as_plain, junit, markdown
-from ..harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
+from ..harness.gate.rounding import Repeat, cores_here, repeat_run
+from ..harness.gate.spread import Sample, find_unstable, widen_by_spread
 from ..harness.gate.thresholds import Thresholds, propose_bounds
 from ..harness.results import codes, store
 from ..harness.results.findings import Finding, Verdict
@@ -33,7 +34,7 @@ from ..harness.suites.suite import Suite, load_suite
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
 from .progress import run_watched
-from .terminal import console, print_json
+from .terminal import console, error_console, print_json
 
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
 
@@ -71,10 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.write and not judged:
             raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
         if arguments.spread:
-            repeated = runs_to_repeat(suite.specs, judge(suite.specs, records, thresholds, code))
-            new = widen_by_spread(thresholds, _samples(arguments, suite, repeated, judged))
-        else:
-            new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
+            samples = _samples(arguments, suite, judged)
+            _update(path, widen_by_spread(thresholds, samples), write=arguments.write)
+            unstable = find_unstable(samples)
+            for case, words in unstable.items():
+                error_console().print(f"error: {case}: rounding decides the status: {words}; its bounds were left")
+            return 2 if unstable else 0
+        new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
         return _update(path, new, write=arguments.write)
     result = judge(specs, records, thresholds, code, arguments.without)
     if arguments.json:
@@ -141,21 +145,25 @@ def _say_before(f: Finding) -> Finding:
     return dataclasses.replace(f, measured=dataclasses.replace(f.measured, words="; ".join(words)))
 
 
-def _samples(
-    arguments: argparse.Namespace, suite: Suite, repeated: Sequence[RunSpec], judged: Sequence[RunRecord]
-) -> dict[str, list[RunRecord]]:
-    """The records of each of the ``repeated`` runs and of its repeats, by its case."""
-    repeats = {s.case: perturb_tolerance(s, arguments.spread) for s in repeated}
-    cases = {c.settings_id: s.case for s in repeated for c in (s, *repeats[s.case])}
-    if not cases:
-        return {}
-    extra = dataclasses.replace(suite, specs=tuple(itertools.chain(*repeats.values())), total_limit=None)
-    with tempfile.TemporaryDirectory() as place:
-        loaded, _ = run_watched(Request(extra, Path(place) / "spread", count_jobs(arguments.jobs)), quiet=False)
-    samples: dict[str, list[RunRecord]] = {s.case: [] for s in repeated}
-    for record in (*judged, *loaded.records):
-        if record.settings_id in cases:
-            samples[cases[record.settings_id]].append(record)
+def _samples(arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]) -> dict[str, list[Sample]]:
+    """The record of each of the suite's runs and those of its repeats, by case; those of a core type apart."""
+    known = {r.settings_id: r for r in judged}
+    repeats: dict[str, list[Repeat]] = {}
+    samples: dict[str, list[Sample]] = {}
+    for spec in suite.specs:
+        if spec.settings_id in known:
+            samples[spec.case] = [Sample("", known[spec.settings_id])]
+            for repeat in repeat_run(spec, arguments.spread, cores_here()):
+                repeats.setdefault(repeat.core, []).append(repeat)
+    for own in repeats.values():
+        extra = dataclasses.replace(suite, specs=tuple(r.spec for r in own), total_limit=None)
+        pool = partial(LocalPool, environ=own[0].environ)
+        with tempfile.TemporaryDirectory() as place:
+            request = Request(extra, Path(place) / "spread", count_jobs(arguments.jobs))
+            loaded, _ = run_watched(request, quiet=False, pool=pool)
+        of = {r.settings_id: r for r in loaded.records}
+        for r in own:
+            samples[r.case].append(Sample(r.kind, of[r.spec.settings_id]))
     return samples
 
 

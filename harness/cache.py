@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+CHOSEN = "MBSBENCH_CACHE"  # in the environment: a folder for all that is kept
 
 
 def is_checkout() -> bool:
@@ -16,7 +17,13 @@ def is_checkout() -> bool:
 
 
 def cache_folder(name: str, in_checkout: Path) -> Path:
-    """``in_checkout / name`` in a checkout; installed, ``mbsbench/name`` in ``$XDG_CACHE_HOME`` or ``~/.cache``."""
+    """``in_checkout / name`` in a checkout; installed, ``mbsbench/name`` in ``$XDG_CACHE_HOME`` or ``~/.cache``.
+
+    Always ``name`` in ``$MBSBENCH_CACHE``, where that is set to an absolute path.
+    """
+    chosen = os.environ.get(CHOSEN, "")
+    if os.path.isabs(chosen):
+        return Path(chosen) / name
     if is_checkout() and os.access(ROOT, os.W_OK):
         return in_checkout / name
     given = os.environ.get("XDG_CACHE_HOME", "")

@@ -1,6 +1,7 @@
 """CPU time of this process and of process trees, as fine under the sandbox's limits as without them."""
 
 import contextlib
+import encodings.ascii  # noqa: F401  here, or at the first look at /proc, which may be within a timed call
 import os
 import resource
 from collections.abc import Collection, Iterator

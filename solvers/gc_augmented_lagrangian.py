@@ -15,6 +15,7 @@ import numpy as np
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.clock import cpu_seconds
+from ..harness.code_meter import making_code
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.methods.choices import GaugeChoices
 from .formulations.methods.gc_weak_form import integrate_weak_form
@@ -72,7 +73,8 @@ class GcAugmentedLagrangian(GaugeChoices):
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
         began = cpu_seconds()
-        import scipy.signal  # noqa: F401  for ``passages``: set-up here, or it counts as integration there
+        with making_code:  # for ``passages``
+            import scipy.signal  # noqa: F401
 
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)

@@ -28,4 +28,4 @@ class RadauGgl(ClosedMarch):
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         assert control.rtol is not None  # the catalogue has seen to it
-        return radau_steps(problem.system, control.rtol, self.code)
+        return radau_steps(problem, control.rtol, self.code)

@@ -25,6 +25,6 @@ if os.environ.get("SHAPES") == "1":
         "tests.shape_checks.check",
     )
 
-from mbsbench.harness.results.environment import THREADS  # noqa: E402 - below the hook, which sees what comes later
+from mbsbench.harness.machine import THREADS  # noqa: E402 - below the hook, which sees what comes later
 
 os.environ.update(THREADS)

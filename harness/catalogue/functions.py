@@ -15,7 +15,7 @@ import scipy.integrate as si
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ..clock import cpu_seconds
+from ..code_meter import solver_seconds
 from ..mechanics.consistency import InconsistentStart
 from ..mechanics.counting import Count, counting
 from ..mechanics.dynamics import Rates
@@ -129,7 +129,7 @@ class _Rates(_FromFunction):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Accepted steps of the method on (r, quaternion, v, Omega); atol = rtol."""
-        began, nb = cpu_seconds(), problem.system.nb
+        began, nb = solver_seconds(), problem.system.nb
         cuts = np.cumsum([3, 4, 3]) * nb
 
         def rates(s: State) -> Rates:
@@ -172,7 +172,7 @@ def _march(
     counters: Callable[[], dict[str, int]], begun: Count | None = None,
 ) -> Trajectory:  # fmt: skip
     """The motion; ``begun``: calls of ``accelerations`` made before, which replace evaluations counted otherwise."""
-    began = cpu_seconds()
+    began = solver_seconds()
     t, s = 0.0, problem.initial
     times, states, reactions = [t], [s], [first]
     status, message = Status.SUCCESS, "reached the end"
@@ -204,12 +204,12 @@ def _march(
     known = [none if a is None else np.asarray(a, dtype=float) for a in reactions]
     return Trajectory(
         np.array(times), _stack_states(states), status, message, {"steps": len(times) - 1, **counters(), **own},
-        reaction=None if all(a is None for a in reactions) else np.array(known), cpu_time=cpu_seconds() - began,
+        reaction=None if all(a is None for a in reactions) else np.array(known), cpu_time=solver_seconds() - began,
     )  # fmt: skip
 
 
 def _check_clock(control: StepControl, began: float) -> None:
-    if control.cpu_limit is not None and cpu_seconds() - began > control.cpu_limit:
+    if control.cpu_limit is not None and solver_seconds() - began > control.cpu_limit:
         raise Stop(Status.STALLED, f"the CPU limit of {control.cpu_limit:g} s was reached")
 
 

@@ -18,6 +18,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 import numpy as np
 
 from ..clock import cpu_seconds_of_tree
+from ..code_meter import code_seconds
 from ..mechanics import so3
 from ..mechanics.consistency import check_start, perturb
 from ..mechanics.moving_rows import check_lengths
@@ -192,9 +193,12 @@ def solver_entry(cls: type) -> SolverEntry:
     return entry
 
 
-def import_seconds(name: str) -> float:
-    """CPU time [s] that importing the plugin of this entry took in this process or before its fork; 0 for our own."""
-    return _import_seconds.get(name, 0.0)
+def import_seconds(name: str) -> tuple[float, float]:
+    """CPU times [s] that importing the plugin of this entry took in this process or before its fork; 0 for our own.
+
+    The second is of what was compiled meanwhile, which the first is without.
+    """
+    return _import_seconds.get(name, (0.0, 0.0))
 
 
 def load_plugin(plugin: Path | str) -> None:
@@ -205,7 +209,7 @@ def load_plugin(plugin: Path | str) -> None:
     where = plugins.resolve_plugin(str(plugin))
     if where in _plugin_files:
         return
-    began = cpu_seconds_of_tree()
+    began, code_began = cpu_seconds_of_tree(), code_seconds()
     try:
         named = plugins.load_plugin(where)
         made: list[tuple[str, SolverEntry | ProblemEntry]]
@@ -222,13 +226,15 @@ def load_plugin(plugin: Path | str) -> None:
     except (Exception, SystemExit) as error:  # whatever a plugin does on import: reported in one line
         raise ValueError(f"plugin {where}: {error or type(error).__name__}") from error
     _plugin_files.add(where)
-    _import_seconds.update({n: cpu_seconds_of_tree() - began for n, _ in made})
+    code = code_seconds() - code_began
+    spent = cpu_seconds_of_tree() - began - code
+    _import_seconds.update({n: (spent, code) for n, _ in made})
     _plugin_solvers.update({n: e for n, e in made if isinstance(e, SolverEntry)})
     _plugin_problems.update({n: e for n, e in made if isinstance(e, ProblemEntry)})
 
 
 _plugin_files: set[str] = set()  # the catalogue of this process, grown only by load_plugin
-_import_seconds: dict[str, float] = {}
+_import_seconds: dict[str, tuple[float, float]] = {}
 _plugin_problems: dict[str, ProblemEntry] = {}
 _plugin_solvers: dict[str, SolverEntry] = {}
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..catalogue import registry
+from ..code_meter import code_seconds_of_tree
 from ..referee.certificates.drift import PERIODS, analyse_drift
 from ..referee.certificates.orders import certify
 from ..referee.certificates.symmetries import check_symmetries
@@ -115,8 +116,8 @@ def run_stages(
 
 
 def _cpu_seconds() -> float:
-    """CPU time of this process and of those that it has waited for [s]."""
-    return sum(os.times()[:4])
+    """CPU time of this process and of those that it has waited for, less what making code has taken [s]."""
+    return sum(os.times()[:4]) - code_seconds_of_tree()
 
 
 def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:

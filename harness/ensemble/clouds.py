@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ..clock import cpu_seconds
+from ..code_meter import listen_to_numba, solver_seconds
 from ..execution.worker import solve
 from ..mechanics.consistency import perturb
 from ..mechanics.motion import energy
@@ -65,7 +65,7 @@ class Cloud:
     C: Float[np.ndarray, "n at nb 3"]  # [m] centres of mass
     drawn: Float[np.ndarray, "n observables nt"]
     failures: tuple[str, ...]  # a line for each member that did not reach the end
-    cpu_s: float  # of all members
+    cpu_s: float  # of all members, without what it takes to make code
 
 
 def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float]) -> Ensemble:
@@ -110,10 +110,11 @@ def run_cloud(ensemble: Ensemble, code: Code, members: Sequence[int], jobs: int)
 
 def _begin(e: Ensemble, code: Code, members: Sequence[int], place: Path) -> Apart:
     def target(send: Callable[[str], None]) -> None:
+        listen_to_numba()
         for k in members:
-            began = cpu_seconds()
+            began = solver_seconds()
             parts, failure = _run_member(e, code, k)
-            _write(place, k, parts, failure, cpu_seconds() - began)
+            _write(place, k, parts, failure, solver_seconds() - began)
 
     return Apart(target, limit=1e8, memory=MEMORY, wall=math.inf)
 

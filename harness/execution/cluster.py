@@ -7,6 +7,7 @@ a worker with other code than this checkout's is refused.
 
 import contextlib
 import json
+import os
 import secrets
 import shlex
 import shutil
@@ -21,6 +22,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from .. import machine
 from ..places import Place
 from ..results import codes, environment
 from ..results.series import LARGEST
@@ -127,7 +129,7 @@ def on_slurm(**options: Any) -> Any:
     except ModuleNotFoundError:
         raise PoolError("SLURM needs dask-jobqueue: pip install -r requirements-cluster.lock") from None
     prologue = [f"cd {shlex.quote(str(environment.ROOT))}"]  # where ``harness`` is found
-    prologue += [f"export {name}={value}" for name, value in environment.THREADS.items()]
+    prologue += [f"export {name}={value}" for name, value in machine.THREADS.items()]
     own = {"cores": 1, "processes": 1, "memory": "8GB", "walltime": "02:00:00", "python": sys.executable}
     prologue += options.pop("job_script_prologue", [])
     cluster = SLURMCluster(**{**own, **options}, job_script_prologue=prologue)
@@ -165,8 +167,11 @@ def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
 
 @cache
 def _here() -> tuple[str, bytes]:
-    """How records name this worker's environment, and its stamp."""
-    stamp = environment.stamp("", "", 1, ())
+    """How records name this worker's environment, and its stamp: that of a process as its runs have, not of Dask's."""
+    call = (sys.executable, "-m", "mbsbench.harness.results.environment")
+    given = {**os.environ, **machine.THREADS}
+    done = subprocess.run(call, cwd=environment.ROOT, env=given, stdout=subprocess.PIPE, check=True)
+    stamp = json.loads(done.stdout)
     return environment.identity(stamp), json.dumps(stamp, indent=1).encode()
 
 

@@ -6,6 +6,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import CodeType
+from typing import NamedTuple
 
 from ..catalogue import registry
 from ..catalogue.options import format_value
@@ -55,21 +56,35 @@ def check_trajectory(found: object, solver: Solver | PresentedSolver, problem: P
     return found
 
 
-def split_cost(claimed: Trajectory, spent: float, wall: float, solver: Solver | PresentedSolver) -> tuple[float, float]:
-    """CPU time of the integration and of the rest of the call [s], whose sum is ``spent``, measured around the call.
+class Cost(NamedTuple):
+    """CPU time of a call [s]."""
 
-    Of a plugin all counts as integration that it does not call set-up, which is shown beside it. Solvers of
-    ``solvers/`` time their own integration; where that leaves most of the call unexplained, the call counts.
+    integration: float
+    set_up: float  # the rest of the call
+    code: float  # the part of set-up in which code was made
+
+    @property
+    def call(self) -> float:
+        """Of all but code."""
+        return self.integration + self.set_up - self.code
+
+
+def split_cost(claimed: Trajectory, spent: float, code: float, wall: float, solver: Solver | PresentedSolver) -> Cost:
+    """The cost of a call that took ``spent`` [s], of which the meter counts ``code`` as making code.
+
+    Of a plugin all else counts as integration that it does not call set-up, which is shown beside it; what it calls
+    set-up may hold the making of code, or not: the larger of the two is left out. Solvers of ``solvers/`` time their
+    own integration; where that leaves most of the call unexplained, the call counts.
     """
     own, set_up = float(claimed.cpu_time), float(claimed.setup_time)
     known = 0.0 if math.isnan(set_up) else set_up
     if not (math.isnan(own) or 0.0 <= own <= spent + CLOCK) or not 0.0 <= known <= max(spent, wall) + CLOCK:
         said = f"cpu_time {own:.3g} s and setup_time {set_up:.3g} s"
         raise Breach(f"{said} do not fit the {spent:.3g} s of CPU time that the call took{_at(solver, 'solve')}")
-    cost = max(spent - known, 0.0)
+    cost = max(spent - max(known, code), 0.0)
     if _is_ours(solver) and own >= EXPLAINED * cost - CLOCK:
-        cost = min(own, spent)
-    return cost, spent - cost
+        cost = min(own, spent - code)
+    return Cost(cost, spent - cost, code)
 
 
 def repeated_cost(times: Sequence[float]) -> Sequence[float]:

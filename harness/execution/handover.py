@@ -58,7 +58,10 @@ class Handover:
         return {"paper_label": label, "declared_order": order, **cost, **repeats}
 
 
-COST = ("repeats", "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "cpu_import_s", "cpu_refuses_s")
+COST = (
+    "repeats", "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "code_s", "cpu_import_s",
+    "cpu_refuses_s",
+)  # fmt: skip
 HIDDEN = 1.0  # [s] of CPU, beside as much again as is accounted for: handing over takes less
 
 

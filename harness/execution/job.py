@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..places import Place
 from ..results import environment
 from ..results.records import RunRecord
@@ -92,6 +93,7 @@ GRACE = 2.0  # [s] over the limit on CPU time, then killed: a solver was asked t
 STATUS_OF = {
     EndedBy.WALL_LIMIT: Status.UNFINISHED,
     EndedBy.CPU_LIMIT: Status.UNFINISHED,
+    EndedBy.CODE_LIMIT: Status.UNFINISHED,
     EndedBy.TOTAL_LIMIT: Status.UNFINISHED,
     EndedBy.MEASURE_LIMIT: Status.UNFINISHED,
     EndedBy.SUSPENDED: Status.UNFINISHED,
@@ -109,13 +111,13 @@ def cut_short(job: Job, by: EndedBy, **columns: Any) -> RunRecord:
 
 def record_unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
     """The record of a process that left none; ``by`` and ``limit`` [s] say why it was killed, if it was."""
-    if ended.over == "cpu" and by is EndedBy.WALL_LIMIT:
-        by, limit = EndedBy.CPU_LIMIT, math.nan
+    if ended.over in ("cpu", "code") and by is EndedBy.WALL_LIMIT:
+        by, limit = (EndedBy.CPU_LIMIT, math.nan) if ended.over == "cpu" else (EndedBy.CODE_LIMIT, CODE_LIMIT)
     if not ended.killed:
         limit = math.nan
         by = EndedBy.EXIT if ended.code >= 0 else EndedBy.SIGNAL
         if ended.code == -signal.SIGXCPU:
-            by = EndedBy.CPU_LIMIT
+            by, limit = (EndedBy.CODE_LIMIT, CODE_LIMIT) if ended.over == "code" else (EndedBy.CPU_LIMIT, math.nan)
         elif by is EndedBy.SIGNAL and ended.peak > NEAR * job.spec.memory:
             by = EndedBy.MEMORY_LIMIT
         elif -ended.code in FROM_OUTSIDE:
@@ -124,6 +126,7 @@ def record_unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: f
         by = EndedBy.SUSPENDED
     ending = {
         "cpu_process_s": ended.cpu,
+        "code_s": ended.code_s,
         "exit_code": max(ended.code, 0),
         "signal": max(-ended.code, 0),
         "ended_limit_s": limit,

@@ -49,7 +49,8 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
             return _salvage(job, problem, bare)
         about: dict[str, Any] = {"peak_memory_MB": bare.peak_memory_MB, "cpu_process_s": bare.cpu_process_s}
         if handover.report.claimed is None:
-            failed = cut_short(job, handover.report.by, message=handover.report.message, **handover.columns, **about)
+            known = {"code_s": bare.code_s, **handover.columns, **about}
+            failed = cut_short(job, handover.report.by, message=handover.report.message, **known)
             return _salvage(job, problem, dataclasses.replace(failed, section=problem.section, t_end_s=problem.t_end))
         if bare.ended_by == EndedBy.SUSPENDED and handover.report.claimed is Status.STALLED:
             about["ended_by"] = bare.ended_by  # its limit passed while nothing ran
@@ -101,7 +102,7 @@ def _salvage(job: Job, problem: Problem, bare: RunRecord) -> Outcome:
     if trajectory is None:
         return Outcome(bare, problem)
     names = ("claimed", "ended_by", "ended_limit_s", "exit_code", "signal", "setup_s", "cpu_min_s", "cpu_median_s",
-             "cpu_max_s", "cpu_call_s", "cpu_process_s", "wall_s", "peak_memory_MB", "paper_label",
+             "cpu_max_s", "cpu_call_s", "code_s", "cpu_process_s", "wall_s", "peak_memory_MB", "paper_label",
              "declared_order")  # fmt: skip
     record, measured = judge_motion(job, problem, trajectory, **{name: getattr(bare, name) for name in names})
     return Outcome(record, problem, trajectory, measured)
@@ -124,7 +125,8 @@ def judge_motion(
         status = Status.INACCURATE
     by = EndedBy.SOLVER
     limit, steps_left = job.spec.cpu_limit, len(trajectory.t) <= job.spec.control.max_steps
-    if status is Status.STALLED and steps_left and math.isfinite(limit) and spent >= USED * limit:
+    used = spent - float(known.get("code_s", 0.0))
+    if status is Status.STALLED and steps_left and math.isfinite(limit) and used >= USED * limit:
         status, by = Status.UNFINISHED, EndedBy.CPU_LIMIT
     said = {"claimed": str(trajectory.status), "ended_by": str(by), "message": str(trajectory.message)}
     found = {"section": problem.section, "t_end_s": problem.t_end, "wrong_because": reasons_json(because)}

@@ -5,15 +5,16 @@ An executor is anything with such a ``run``; a cluster's would be another.
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..clock import cpu_seconds_below
+from ..code_meter import add_code_below, code_seconds_of_tree
 from ..results.store import path_of, write_record
 from ..sandbox.apart import SLACK
 from ..types import EndedBy
 from .job import Job, cut_short
-from .protocol import Lost, News, Start, Stop, Supervised, Warm, Warmed
+from .protocol import Lost, Made, News, Start, Stop, Supervised, Warm, Warmed
 from .warmup import jobs_by_motion, runs_to_warm
 
 TICK = 0.25  # [s] between two looks at the clock
@@ -27,6 +28,7 @@ class PoolError(RuntimeError):
 class TimeLimit:
     """CPU time that the runs of a suite may take together, from when the first can begin: [s] for each at a time.
 
+    Making code is left out.
     ``SLACK`` times as much wall time is a safety net, for runs that wait; it is all there is on a cluster.
     """
 
@@ -34,18 +36,20 @@ class TimeLimit:
     until: float = math.inf  # of time.monotonic()
     process: int = 0  # below which all runs are
     most: float = math.inf  # [s] of CPU that it and all below it may have taken
+    made: float = 0.0  # [s] of making code before
 
     def start(self, process: int = 0, size: int = 1) -> "TimeLimit":
         """The clock runs; with the supervisor ``process`` of ``size`` runs at a time that on CPU time."""
         slack = SLACK if process else 1.0
         most = cpu_seconds_below(process) + size * self.seconds if process else math.inf
-        return TimeLimit(self.seconds, time.monotonic() + slack * self.seconds, process, most)
+        return TimeLimit(self.seconds, time.monotonic() + slack * self.seconds, process, most, code_seconds_of_tree())
 
     @property
     def is_over(self) -> bool:
         """Whether either is over."""
-        late = time.monotonic() > self.until
-        return late or (math.isfinite(self.most) and cpu_seconds_below(self.process) > self.most)
+        code = code_seconds_of_tree() - self.made
+        late = time.monotonic() > self.until + SLACK * code
+        return late or (math.isfinite(self.most) and cpu_seconds_below(self.process) > self.most + code)
 
 
 @dataclass
@@ -57,11 +61,13 @@ class LocalPool:
     on_end: Callable[[Job], None] = lambda job: None
     tick: Callable[[], None] = lambda: None
     on_warmup: Callable[[dict[str, float], dict[str, float]], None] = lambda times, references: None
+    environ: Mapping[str, str] = field(default_factory=dict)  # of the processes of runs, beside ours
     _flying: dict[str, Job] = field(default_factory=dict)
     _compiling: bool = False
     _attempts: dict[str, int] = field(default_factory=dict)
     _limit: TimeLimit | None = None
     _stopped: bool = False
+    _made: float = 0.0
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
@@ -92,7 +98,7 @@ class LocalPool:
 
     def _serve(self, waiting: list[Job]) -> int | None:
         """One supervisor's life; None when all is done, else its exit code."""
-        supervisor = Supervised()
+        supervisor, self._made = Supervised(self.environ), 0.0
         try:
             first = waiting[::-1]
             if first:  # before any clock runs
@@ -133,6 +139,10 @@ class LocalPool:
         supervisor.send(Start(job))
 
     def _receive(self, news: News, supervisor: int) -> None:
+        if isinstance(news, Made):
+            add_code_below(news.seconds - self._made)
+            self._made = news.seconds
+            return
         if isinstance(news, Warmed):
             self.on_warmup(news.times, news.references)
             if news.over:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..clock import cpu_seconds
+from ..code_meter import solver_seconds
 from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States
 from ..types import Problem, Solver, Spool, Status, StepControl, Trajectory
@@ -34,13 +34,13 @@ class PresentedSolver:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """There and, if the problem asks for it, back."""
-        began = cpu_seconds()
+        began = solver_seconds()
         there = self._there(problem, control)
         if not problem.retrace or there.status is not Status.SUCCESS:
             return there
         last = there.states[-1]
         turned = dataclasses.replace(problem, initial=State(last.r, last.R, -last.v, -last.Omega))
-        left = None if control.cpu_limit is None else max(control.cpu_limit - (cpu_seconds() - began), 1e-3)
+        left = None if control.cpu_limit is None else max(control.cpu_limit - (solver_seconds() - began), 1e-3)
         back = self._there(turned, dataclasses.replace(control, spool=None, cpu_limit=left))
         if back.status is not Status.SUCCESS:
             words = f"the way back ended with {back.status} at {back.t[-1]:.6g} s: {back.message}"

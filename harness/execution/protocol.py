@@ -5,11 +5,13 @@ import os
 import select
 import subprocess
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 
-from ..results.environment import ROOT, THREADS
+from ..machine import THREADS
+from ..results.environment import ROOT
 from ..suites.spec import RunSpec
 from .job import Job
 
@@ -50,8 +52,14 @@ class Done(Message, frozen=True):
     error: str = ""
 
 
+class Made(Message, frozen=True):
+    """CPU time [s] that warm-up and the code of runs have taken so far, which no budget counts."""
+
+    seconds: float
+
+
 Order = Warm | Start | Stop
-News = Warmed | Done
+News = Warmed | Done | Made
 
 
 def line_of(message: Message) -> bytes:
@@ -81,13 +89,13 @@ class Lost(RuntimeError):
 
 
 class Supervised:
-    """A supervisor process of our own: ``send`` it orders, ``receive`` its news."""
+    """A supervisor process of our own, with further variables ``environ``: ``send`` it orders, ``receive`` its news."""
 
-    def __init__(self) -> None:
+    def __init__(self, environ: Mapping[str, str] | None = None) -> None:
         self.process = subprocess.Popen(
             (sys.executable, "-m", "mbsbench.harness.execution.supervisor"),
             cwd=ROOT,
-            env={**os.environ, **THREADS},
+            env={**os.environ, **THREADS, **(environ or {})},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # a signal to our group is for us: we close its input, and it ends what runs, whole

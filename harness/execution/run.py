@@ -16,6 +16,7 @@ from pathlib import Path
 
 from ..catalogue import registry
 from ..clock import set_keeper
+from ..code_meter import CODE_LIMIT, listen_to_numba
 from ..files import FileError
 from ..places import Place
 from ..results import records, store
@@ -54,6 +55,7 @@ def run_one(
     if problem is None and registry.is_own_problem(job.spec.problem):  # a plugin's is made where limits hold
         with contextlib.suppress(Exception):  # the solver's process will report it
             problem = make_problem(job)
+    listen_to_numba()  # here, where measuring needs numba anyway: the solver's process has it from the start
 
     def solve(send: Send) -> None:
         set_keeper(os.getppid())
@@ -62,7 +64,13 @@ def run_one(
     limit = job.spec.cpu_limit + GRACE
     wall = SLACK * limit
     ended = Apart(
-        solve, limit=min(limit, NO_LIMIT), wall=wall, memory=job.spec.memory, stderr=job.stderr, above="here"
+        solve,
+        limit=min(limit, NO_LIMIT),
+        wall=wall,
+        memory=job.spec.memory,
+        stderr=job.stderr,
+        above="here",
+        code=CODE_LIMIT,
     ).wait(lambda: bool(stopped))
     if ended.code == CANNOT_WRITE:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -74,7 +82,7 @@ def run_one(
     except OSError as error:  # the run left what cannot be removed: it alone fails
         return Outcome(cut_short(job, EndedBy.EXCEPTION, message=words_of(error), wall_s=time.monotonic() - began))
     send_record(send, MEASURING, bare)
-    limit_process(job.spec.memory, STOPPED_MEASURE_LIMIT if stopped else measure_limit)
+    limit_process(job.spec.memory, STOPPED_MEASURE_LIMIT if stopped else measure_limit, CODE_LIMIT)
     outcome = measure_run(job, bare, problem, ended.cpu)
     end_descendants()
     return dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, wall_s=time.monotonic() - began))
@@ -108,7 +116,7 @@ def measure_kept(job: Job, bare: RunRecord, send: Send, store: Store, problem: P
     """Measure the steps that a run had kept whose own process ended before it could; ``store`` the outcome."""
     send_record(send, MEASURING, bare)
     job.handover.remove_file(missing_ok=True)
-    limit_process(job.spec.memory, STOPPED_MEASURE_LIMIT)
+    limit_process(job.spec.memory, STOPPED_MEASURE_LIMIT, CODE_LIMIT)
     send_record(send, STORED, store(measure_run(job, bare, problem)))
 
 
@@ -122,7 +130,7 @@ class Run(Apart):
         limit = job.spec.cpu_limit + GRACE  # the process keeps it itself, as long as its solver lets it
         super().__init__(
             work, limit=limit + measure_limit, wall=SLACK * (limit + PATIENCE), memory=math.inf, stderr=stderr,
-            above="itself",
+            above="itself", code=2.0 * CODE_LIMIT,  # of its solver and of measuring
         )  # fmt: skip
         self.job, self.measure_limit = job, SLACK * measure_limit
         self.began, self.stopped, self.measuring = time.monotonic(), False, False

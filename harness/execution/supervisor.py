@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..catalogue import registry
+from ..clock import cpu_seconds_below
+from ..code_meter import listen_to_numba
 from ..files import FileError
 from ..metrics import passes
 from ..results import store
@@ -22,11 +24,12 @@ from ..results.records import RunRecord
 from ..sandbox.apart import Ended
 from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out
 from .job import Job
-from .protocol import Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
+from .protocol import Done, Made, Order, Reader, Start, Stop, Warm, Warmed, line_of
 from .run import Run, run_and_store, store_outcome, words_of
 from .warmup import references_apart, warm_apart_then_here
 
 POLL = 0.1  # [s]
+NEWS = 0.5  # [s] of CPU for code until it is told
 
 
 class Supervisor:
@@ -34,6 +37,7 @@ class Supervisor:
 
     def __init__(self) -> None:
         self.running: dict[int, Run] = {}  # by process
+        self.made_before = 0.0  # [s] of CPU in warm-up, and for code of runs that have ended
 
     def start(self, job: Job) -> None:
         """Fork the process of the run."""
@@ -48,6 +52,7 @@ class Supervisor:
         for run in list(self.running.values()):
             if (ended := run.look()) is not None:
                 del self.running[run.pid]
+                self.made_before += ended.code_s
                 end_orphans(self.running)
                 if (done := self._finish(run, ended)) is not None:
                     yield done
@@ -65,6 +70,11 @@ class Supervisor:
         except OSError as error:
             return Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
         return Done(job.id)
+
+    @property
+    def made(self) -> float:
+        """CPU time [s] that no budget counts."""
+        return self.made_before + sum(run.code_seconds for run in self.running.values())
 
     def stop(self) -> None:
         """End every running run: the suite has met its limit. Each gets a record, with the steps it had kept."""
@@ -91,11 +101,14 @@ def serve(orders: int, news: int) -> None:
     shut_out()
     adopt_orphans()
     supervisor, reader = Supervisor(), Reader(Order)
+    told = 0.0
     os.set_blocking(orders, False)
     try:
         while True:
             for done in list(supervisor.step(POLL if supervisor.running else 3600.0, (orders,))):
                 os.write(news, line_of(done))
+            if supervisor.made > told + NEWS:
+                os.write(news, line_of(Made(told := supervisor.made)))
             try:
                 chunk = os.read(orders, 2**16)
             except BlockingIOError:
@@ -105,12 +118,15 @@ def serve(orders: int, news: int) -> None:
             for order in reader.messages(chunk):
                 match order:
                     case Warm(specs, jobs):
+                        before = cpu_seconds_below(os.getpid())
                         passes.load()  # what measures
                         references = references_apart(jobs, lambda: _is_closed(orders))
                         os.write(news, line_of(Warmed({}, references)))
                         warm_apart_then_here(
                             specs, lambda: _is_closed(orders), lambda times: os.write(news, line_of(Warmed(times, {})))
                         )
+                        supervisor.made_before += cpu_seconds_below(os.getpid()) - before
+                        os.write(news, line_of(Made(told := supervisor.made)))
                         os.write(news, line_of(Warmed({}, {}, over=True)))
                     case Stop():
                         supervisor.stop()
@@ -136,6 +152,7 @@ def preload() -> None:
     """Import what runs need, so that forks have it; freeze it, so that the collector does not copy its pages."""
     import gc
 
+    listen_to_numba()
     for catalogue in (registry.problems(), registry.solvers()):
         tuple(catalogue.values())
     gc.collect()

@@ -14,6 +14,7 @@ import scipy.spatial.transform  # noqa: F401
 
 from ..catalogue import registry
 from ..clock import cpu_seconds_of_tree
+from ..code_meter import code_seconds_of_tree, listen_to_numba, settle
 from ..files import exact
 from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
@@ -21,7 +22,7 @@ from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool
 from ..types import EndedBy, NotInstalled, Problem, Solver, Status, StepControl, Trajectory
 from . import handover
-from .contract import check_trajectory, raised_at, refusal, repeated_cost, split_cost
+from .contract import Cost, check_trajectory, raised_at, refusal, repeated_cost, split_cost
 from .handover import Handover, SolverReport
 from .job import Job, first_line
 from .presenting import PresentedSolver, present_solver
@@ -52,6 +53,7 @@ def hand_over(job: Job, soft: float = SOFT, problem: Problem | None = None) -> N
 
 
 def _attempt(job: Job, soft: float, made: list[Solver], problem: Problem | None) -> Handover:
+    listen_to_numba()
     for plugin in job.plugins:
         registry.load_plugin(plugin)
     spec = job.spec
@@ -64,20 +66,23 @@ def _attempt(job: Job, soft: float, made: list[Solver], problem: Problem | None)
 
 def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int = 1) -> Handover:
     """Ask the solver, solve; no trajectory where it refuses."""
-    began = cpu_seconds_of_tree()
+    began, code_began = cpu_seconds_of_tree(), code_seconds_of_tree()
     called = present_solver(solver, problem)
     label, order = registry.read_declaration(solver)
     about: dict[str, Any] = {"paper_label": label, "declared_order": exact(order)}
     reason = refusal(called, problem, control)
-    before = {
-        "cpu_import_s": registry.import_seconds(getattr(type(solver), "name", "")),
-        "cpu_refuses_s": cpu_seconds_of_tree() - began,
-    }
+    imported, code = registry.import_seconds(getattr(type(solver), "name", ""))
+    in_refuses = code_seconds_of_tree() - code_began
+    before = {"cpu_import_s": imported, "cpu_refuses_s": cpu_seconds_of_tree() - began - in_refuses}
+    code += in_refuses
     if reason:
         about["missing_package"] = reason.package if isinstance(reason, NotInstalled) else ""
-        return Handover(SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_exact(before), **about), None)
+        cost = {**before, "code_s": code}
+        return Handover(SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_exact(cost), **about), None)
+    settle()  # after imports and ``refuses`` of plugins
     trajectory, cost = solve_repeatedly(called, problem, control, repeats)
-    cost["setup_s"] += sum(before.values())
+    cost["setup_s"] += sum(before.values()) + code
+    cost["code_s"] += code
     if cost.pop("left_out"):
         trajectory = dataclasses.replace(trajectory, notes=(*trajectory.notes, FIRST))
     if problem.literal_start:
@@ -96,30 +101,30 @@ def solve_repeatedly(
 ) -> tuple[Trajectory, dict[str, float]]:
     """The first trajectory and the cost columns. Repeats stop when the next would pass the limit on CPU time.
 
-    The first one counts. Later ones that take less than half of its time were prepared by it, and do not.
+    The first one counts. Later ones that take less than half of its time were prepared by it, and do not. Making code
+    counts in ``code_s`` and ``setup_s`` alone.
     """
-    began = cpu_seconds_of_tree()
-    first, (spent, set_up) = _solve_timed(solver, problem, control)
+    first, cost = _solve_timed(solver, problem, control)
     control = dataclasses.replace(control, spool=None)
-    times = [spent]
-    longest = cpu_seconds_of_tree() - began
+    times, longest = [cost.integration], cost.call
+    used = longest
     while len(times) < repeats and first.status is Status.SUCCESS:
-        if control.cpu_limit is not None and cpu_seconds_of_tree() - began + longest > control.cpu_limit:
+        if control.cpu_limit is not None and used + longest > control.cpu_limit:
             break
-        times.append(_solve_timed(solver, problem, control)[1][0])
+        times.append((again := _solve_timed(solver, problem, control)[1]).integration)
+        used += again.call
     counted = repeated_cost(times)
     cpu = {"cpu_min_s": min(counted), "cpu_median_s": float(np.median(counted)), "cpu_max_s": max(counted)}
     return first, {
-        "repeats": len(counted), **cpu, "cpu_call_s": spent + set_up, "setup_s": set_up,
+        "repeats": len(counted), **cpu, "cpu_call_s": cost.call, "setup_s": cost.set_up, "code_s": cost.code,
         "cpu_inside_s": cpu_seconds_of_tree(), "left_out": len(times) - len(counted),
     }  # fmt: skip
 
 
-def _solve_timed(
-    solver: Solver | PresentedSolver, problem: Problem, control: StepControl
-) -> tuple[Trajectory, tuple[float, float]]:
-    """A trajectory, and the CPU time of its integration and of the rest of the call, of all that took part."""
-    before, began = cpu_seconds_of_tree(), time.monotonic()
+def _solve_timed(solver: Solver | PresentedSolver, problem: Problem, control: StepControl) -> tuple[Trajectory, Cost]:
+    """A trajectory, and what its call cost, of all that took part."""
+    before, code, began = cpu_seconds_of_tree(), code_seconds_of_tree(), time.monotonic()
     found = solver.solve(problem, control)
+    code = code_seconds_of_tree() - code
     spent, wall = cpu_seconds_of_tree() - before, time.monotonic() - began
-    return (trajectory := check_trajectory(found, solver, problem)), split_cost(trajectory, spent, wall, solver)
+    return (trajectory := check_trajectory(found, solver, problem)), split_cost(trajectory, spent, code, wall, solver)

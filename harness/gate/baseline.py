@@ -19,7 +19,7 @@ from ..files import FileError, parse_toml, read_text
 from ..results.environment import ROOT
 from ..shapes import Finite, Shape, convert_shape
 from . import thresholds as rules
-from .thresholds import Bound, Expectation, Threshold, Thresholds, Width
+from .thresholds import Bound, Expectation, Spread, Threshold, Thresholds, Width
 
 FOLDER = ROOT / "results" / "baselines"
 HEAD = """\
@@ -43,6 +43,7 @@ class _File(Shape, frozen=True):
     schema: Literal[2]
     suite: str
     columns: str = ""
+    spread: Spread | None = None
     status: tuple[Expectation, ...] = ()
     problem: dict[str, _Problem] = field(default_factory=dict)
 
@@ -66,7 +67,7 @@ def parse_thresholds(text: str, path: Path) -> Thresholds:
                     bounds += _read_row(case, file.columns.split(), problem.runs[run].split())
                 if problem.problem_fingerprint is not None and rules.FINGERPRINT not in special:
                     bounds.append(rules.same_problem(case, problem.problem_fingerprint))
-        return Thresholds(file.suite, tuple(sorted(bounds, key=lambda b: (b.case, b.metric))), file.status)
+        return Thresholds(file.suite, tuple(sorted(bounds, key=lambda b: (b.case, b.metric))), file.status, file.spread)
     except ValueError as e:
         raise FileError(f"{path}: {case}: {e}") from None
 
@@ -101,6 +102,8 @@ def _read_cell(case: str, metric: str, cell: str, rule: Width) -> Threshold:
 def write_thresholds(thresholds: Thresholds) -> str:
     """The text of a thresholds file."""
     out = [HEAD, f"suite = {_toml(thresholds.suite)}", f"columns = {_toml(' '.join(['width', *HEADINGS]))}"]
+    if thresholds.spread:
+        out += ["", "[spread]", *(f"{key} = {_toml(value)}" for key, value in asdict(thresholds.spread).items())]
     for e in thresholds.statuses:
         out += ["", "[[status]]", *(f"{key} = {_toml(value)}" for key, value in asdict(e).items())]
     bounds = sorted(thresholds.bounds, key=lambda b: (*_names(b.case), b.metric))

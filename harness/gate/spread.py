@@ -1,67 +1,102 @@
-"""How far rounding alone moves a run under error control: repeats with rtol changed by rounding-sized amounts.
+"""How far rounding alone moves a run: bounds around the repeats that it changed.
 
-One sample says little about a number that depends on which steps were accepted. The bounds of such a number lie around
-all of its samples, by the width that they would have around one.
+One sample says little about a number that rounding moves: under error control it may change which steps are accepted,
+and at a fixed step that it changes next to nothing is to be measured. Bounds lie around all samples, by the width that
+they would have around one.
 """
 
-import dataclasses
 import math
 import statistics
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from msgspec.structs import replace
+from msgspec import structs
 
-from ..results.findings import Verdict
 from ..results.records import RunRecord
-from ..suites.spec import RunSpec
-from .check import Judged
-from .thresholds import Threshold, Thresholds, four_digits, propose_bounds
-
-STEP = 1e-13  # of rtol: hundreds of roundings, and far below what an error is known to
+from ..types import Status
+from .thresholds import FINGERPRINT, FIXED_STEP, Spread, Threshold, Thresholds, four_digits, propose_bounds
 
 
-def runs_to_repeat(specs: Sequence[RunSpec], result: Judged) -> list[RunSpec]:
-    """The runs under error control of which a number has left its bounds, or moved by more than 1 %."""
-    found = [f for f in result.notable if f.verdict in (Verdict.FAILED, Verdict.MET)]
-    moved = {f.subject for f in found if not math.isnan(f.measured.value)}
-    return [s for s in specs if s.case in moved and s.control.rtol is not None]
+@dataclass(frozen=True)
+class Sample:
+    """A record of a case, and the kind of rounding that changed its run; "" for the run as it is."""
+
+    kind: str
+    record: RunRecord
 
 
-def perturb_tolerance(spec: RunSpec, times: int) -> list[RunSpec]:
-    """``spec`` with ``rtol`` times 1 + k 1e-13, for k = 1, -1, 2, -2 and so on: the same accuracy, other roundings."""
-    assert spec.control.rtol is not None
-    shifts = [(-1) ** i * (i // 2 + 1) * STEP for i in range(times)]
-    return [
-        dataclasses.replace(spec, control=dataclasses.replace(spec.control, rtol=spec.control.rtol * (1.0 + shift)))
-        for shift in shifts
-    ]
+def find_unstable(samples: Mapping[str, Sequence[Sample]]) -> dict[str, str]:
+    """Cases of which rounding decides the status, each with the kinds of rounding that lead to each status."""
+    out = {}
+    for case, found in samples.items():
+        kinds: dict[str, Counter[str]] = {}
+        for s in found:
+            kinds.setdefault(s.record.status, Counter())[s.kind or "unchanged"] += 1
+        if len(kinds) > 1:
+            out[case] = "; ".join(f"{status} ({_list_kinds(n)})" for status, n in kinds.items())
+    return out
 
 
-def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[RunRecord]]) -> Thresholds:
+def _list_kinds(kinds: Mapping[str, int]) -> str:
+    return ", ".join(kind if n == 1 else f"{n} x {kind}" for kind, n in kinds.items())
+
+
+def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[Sample]]) -> Thresholds:
     """``old`` with bounds around all ``samples`` of a case, where one leaves the bounds, or those around another.
 
     Rounding has to explain it: it does if the value that was measured when the threshold was set lies within the new
-    bounds. A sample that did not succeed is no rounding: the bounds of its case stay.
+    bounds. Bounds of a case whose status rounding decides stay.
     """
-    lawful = {case: tuple(records) for case, records in samples.items() if all(r.status == "success" for r in records)}
+    unstable = find_unstable(samples)
+    lawful = {c: found for c, found in samples.items() if c not in unstable and Status(found[0].record.status).lawful}
     bounds = []
     for was in old.bounds:
-        found = [b for r in lawful.get(was.case, ()) for b in propose_bounds([dataclasses.replace(r, case=was.case)])]
-        around = _widen_around(was, [b for b in found if b.metric == was.metric])
+        found = [(s.kind, b) for s in lawful.get(was.case, ()) for b in _bounds_of(was, s)]
+        around = _widen_around(was, found, lawful[was.case][0].record.control) if found else None
         bounds.append(around if around and around.holds(was.value) else was)
-    return replace(old, bounds=tuple(bounds))
+    return structs.replace(old, bounds=tuple(bounds), spread=_summarise(lawful) or old.spread)
 
 
-def _widen_around(was: Threshold, found: Sequence[Threshold]) -> Threshold | None:
+def _bounds_of(was: Threshold, s: Sample) -> list[Threshold]:
+    found = propose_bounds([replace(s.record, case=was.case)])
+    return [b for b in found if b.metric == was.metric]
+
+
+def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], control: str) -> Threshold | None:
     """``was`` with the widest of the bounds that it has in ``found``; None where bounds around any one hold of all."""
-    values = [b.value for b in found]
-    bounds = (was,) if was.samples > 1 else (was, *found)
+    values = [b.value for _, b in found]
+    bounds = (was,) if was.samples > 1 else (was, *(b for _, b in found))
     if was.tolerance is not None or all(b.holds(value) for b in bounds for value in values):
         return None
     low, high = min(values), max(values)
-    reason = f"error control: {len(found)} runs that differ by rounding gave {low:.3g} to {high:.3g}"
-    lower = min(b.lower for b in found) if was.lower > -math.inf else was.lower
-    upper = max(b.upper for b in found) if was.upper < math.inf else was.upper
-    return replace(
+    words = "fixed step" if control == "dt" else "error control"
+    kinds = ", ".join(sorted({kind for kind, _ in found if kind}))
+    reason = f"{words}: {len(found)} runs that differ by rounding ({kinds}) gave {low:.3g} to {high:.3g}"
+    lower = min(b.lower for _, b in found) if was.lower > -math.inf else was.lower
+    upper = max(b.upper for _, b in found) if was.upper < math.inf else was.upper
+    return structs.replace(
         was, value=four_digits(statistics.median(values)), upper=upper, lower=lower, samples=len(found), reason=reason
     )
+
+
+def _summarise(lawful: Mapping[str, Sequence[Sample]]) -> Spread | None:
+    """What was measured: how often, by what, and where a number of a fixed-step run moved most, that of rounding apart.
+
+    It is the largest value over the least, of numbers that have bounds by ``FIXED_STEP``.
+    """
+    kinds = sorted({s.kind for found in lawful.values() for s in found if s.kind})
+    if not kinds:
+        return None
+    most, case = 1.0, ""
+    for name, found in lawful.items():
+        values: dict[str, list[float]] = {}
+        for s in found:
+            for b in propose_bounds([s.record]):
+                if b.reason == FIXED_STEP.reason:
+                    values.setdefault(b.metric, []).append(float(getattr(s.record, b.metric)))
+        for metric, all_of_it in values.items():
+            if metric != FINGERPRINT and (ratio := max(all_of_it) / min(all_of_it)) > most:
+                most, case = ratio, f"{name} {metric}"
+    samples = min(len(found) for found in lawful.values())
+    return Spread(samples, tuple(kinds), float(f"{most:.6g}"), case)

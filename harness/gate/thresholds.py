@@ -103,12 +103,22 @@ class Expectation(Shape, frozen=True):
     reason: Text
 
 
+class Spread(Shape, frozen=True):
+    """How far rounding alone was measured to move the runs: the reason why bounds of fixed steps are as narrow."""
+
+    samples: Annotated[int, Meta(ge=2, description="a whole number from 2")]  # runs of each case, the unchanged one too
+    kinds: tuple[Text, ...]  # of rounding, each by itself
+    fixed_step: Annotated[float, Meta(ge=1.0, description="a number from 1")]  # largest over least value, the most
+    case: str = ""  # where that is, and of what; numbers that are nothing but rounding do not count
+
+
 class Thresholds(Shape, frozen=True):
     """All of a suite."""
 
     suite: str
     bounds: tuple[Threshold, ...] = ()
     statuses: tuple[Expectation, ...] = ()
+    spread: Spread | None = None
 
     def __post_init__(self) -> None:
         declared = Counter([*((b.case, b.metric) for b in self.bounds), *((e.case, "status") for e in self.statuses)])

@@ -26,10 +26,11 @@ from ..execution.presenting import bring_home
 from ..execution.run import Send, store_outcome
 from ..execution.worker import SOFT
 from ..files import FileError, write_text
+from ..machine import THREADS
 from ..places import Place
 from ..reference import orbit
 from ..results import codes, environment, records, store
-from ..results.environment import ROOT, THREADS
+from ..results.environment import ROOT
 from ..results.records import RunRecord
 from ..sandbox.apart import SLACK, Apart, Ended
 from ..sandbox.isolation import trim

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 
 from ..cache import cache_folder
+from ..code_meter import making_code
+from ..machine import llvm_target
 
 LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # known by their names and versions
 
@@ -26,6 +28,7 @@ class Unknown(Exception):
     """Something that no digest can be made of."""
 
 
+@making_code
 def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any) -> Any:
     """Numba's C callback of ``function``, from disk where it was compiled before."""
     from numba.core.ccallback import CFunc
@@ -74,7 +77,7 @@ def digest_of(function: Callable[..., Any], *more: object) -> str:
     import llvmlite.binding as llvm
     import numba
 
-    machine = (llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    machine = (llvm.get_process_triple(), *llvm_target())
     versions = (sys.version, np.__version__, numba.__version__, llvmlite.__version__, *machine, *map(str, more))
     found = hashlib.sha256("\0".join(versions).encode())
     for part in _parts(function, []):

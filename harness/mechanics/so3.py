@@ -34,7 +34,10 @@ def exp(rotation_vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*b
 
 
 def log(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Rotation vector [rad] of ``R``, length in [0, pi]."""
+    """Rotation vector [rad] of ``R``, or of the rotation nearest to it, length in [0, pi].
+
+    SciPy takes the nearest rotation by singular values, U V^T; the checker of bundles does the same by itself.
+    """
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:-2], 3)

@@ -14,6 +14,7 @@ from ..results.provisional import latest_of_each
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
 from ..suites.suite import load_suite
+from .carried import bring_forward
 from .certificates.drift import analyse_drift
 from .certificates.orders import certify
 from .certificates.symmetries import check_symmetries
@@ -88,7 +89,7 @@ def write_judgements(folder: Place, judged: dict[str, Any], code: Code) -> list[
 
 def describe_outdated(folder: Place, now: Code) -> str:
     """One line on what has changed since the verdicts in ``folder`` were published, with the commands; else empty."""
-    return describe_changes(files.code_of_claims(folder), now, WHOLE)
+    return describe_changes(bring_forward(files.code_of_claims(folder)), now, WHOLE)
 
 
 def find_changes(before: Sequence[Claim], after: Sequence[Claim]) -> list[Change]:

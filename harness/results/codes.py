@@ -30,7 +30,7 @@ ARRANGES = (
     "harness/cache", "harness/catalogue/functions", "harness/catalogue/links", "harness/catalogue/mechanism",
     "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins",
     "harness/catalogue/sdformat", "harness/catalogue/usd",
-    "harness/execution/handover", "harness/execution/job", "harness/files", "harness/places",
+    "harness/execution/handover", "harness/execution/job", "harness/files", "harness/machine", "harness/places",
     "harness/results",
     "harness/sandbox/trial", "harness/shapes", "harness/suites",
 )  # fmt: skip
@@ -73,17 +73,11 @@ class Sources:
 
     def code_of(self, problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
         """Digest of all that shapes the numbers of a run; entries that are not ours are covered by ``plugins``."""
-        return self._digest_with([self.solvers.get(solver, ""), self.problems.get(problem, "")], plugins)
+        return digest_run(self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring, plugins)
 
     def digest_all(self, plugins: Iterable[str] = ()) -> str:
         """Digest of all solvers and problems, of measuring, and of ``plugins``."""
-        return self._digest_with([*itertools.chain(*self.solvers.items(), *self.problems.items())], plugins)
-
-    def _digest_with(self, parts: list[str], plugins: Iterable[str]) -> str:
-        parts.append(self.measuring)
-        for path in itertools.chain.from_iterable(map(sources_of, plugins)):
-            parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
-        return _digest(parts)
+        return _digest_with([*itertools.chain(*self.solvers.items(), *self.problems.items()), self.measuring], plugins)
 
     @cached_property
     def solvers(self) -> dict[str, str]:
@@ -178,6 +172,17 @@ def package_sources() -> Sources:
 def code_of(problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
     """The digest that a run made here has as its column ``code``."""
     return package_sources().code_of(problem, solver, plugins)
+
+
+def digest_run(solver: str, problem: str, measuring: str, plugins: Iterable[str] = ()) -> str:
+    """Return the digest of a run from those of its solver, its problem and of measuring."""
+    return _digest_with([solver, problem, measuring], plugins)
+
+
+def _digest_with(parts: list[str], plugins: Iterable[str]) -> str:
+    for path in itertools.chain.from_iterable(map(sources_of, plugins)):
+        parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
+    return _digest(parts)
 
 
 def _read_kept(keep: Path) -> dict[str, Source]:

@@ -14,14 +14,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from .. import machine
+
 ROOT = Path(__file__).resolve().parents[2]
 LOCK = ROOT / "requirements.lock"
-THREADS = dict.fromkeys((  # one thread: timings mean CPU time of one core, and results do not depend on how many
-    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS",
-), "1")  # fmt: skip
+BLAS = ("internal_api", "version", "num_threads", "architecture")  # of a library, as threadpoolctl names them
 SHAPING = ("harness", "problems", "solvers")  # folders with code that a run's numbers come from
-PLATFORM = ("python", "implementation", "packages", "cpu", "machine", "blas", "threads")  # numbers may depend on these
+PLATFORM = (  # numbers may depend on these; on the processor only where nothing is pinned
+    "python", "implementation", "packages", "cpu", "machine", "blas", "simd", "llvm", "libc", "threads",
+)  # fmt: skip
 
 
 @cache
@@ -50,16 +51,25 @@ def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[st
         "code": code_digest(tuple(plugins)), "lock_sha256": hashlib.sha256(_content(LOCK)).hexdigest(),
         "python": platform.python_version(), "implementation": platform.python_implementation(),
         "executable": sys.executable, "packages": {name: v for name in names if (v := _version(name))},
-        "system": f"{platform.system()} {platform.release()}", "machine": platform.machine(), "cpu": _cpu(),
-        "cores": os.cpu_count(), "memory_MB": int(psutil.virtual_memory().total // 2**20),
-        "blas": [{k: b.get(k) for k in ("internal_api", "version", "num_threads")} for b in _blas()],
-        "threads": dict(THREADS), "jobs": jobs, "plugins": list(plugins),
+        "system": f"{platform.system()} {platform.release()}", "machine": platform.machine(),
+        "cpu": machine.cpu_model(), "cores": os.cpu_count(), "memory_MB": int(psutil.virtual_memory().total // 2**20),
+        "blas": [{k: b.get(k) for k in BLAS} for b in _blas()],
+        **machine.describe(), "threads": dict(machine.THREADS), "jobs": jobs, "plugins": list(plugins),
     }  # fmt: skip
 
 
 def identity(stamp: Mapping[str, Any]) -> str:
-    """Digest of the machine, packages and threads of a stamp: runs with another may differ in their last digits."""
-    return hashlib.sha256("\n".join(text_of(stamp.get(key)) for key in PLATFORM).encode()).hexdigest()[:12]
+    """Digest of the machine, packages and threads of a stamp."""
+    return _digest(stamp, PLATFORM)
+
+
+def arithmetic(stamp: Mapping[str, Any]) -> str:
+    """Digest of what the last digits of numbers depend on: where all is pinned, the processor is no part of it."""
+    return _digest(stamp, [key for key in PLATFORM if key != "cpu" or not stamp.get("pinned")])
+
+
+def _digest(stamp: Mapping[str, Any], keys: Iterable[str]) -> str:
+    return hashlib.sha256("\n".join(text_of(stamp.get(key)) for key in keys).encode()).hexdigest()[:12]
 
 
 def text_of(value: Any) -> str:
@@ -113,15 +123,10 @@ def _blas() -> list[dict[str, Any]]:
     with contextlib.suppress(ImportError):  # not to be had on every system
         import sksundae  # noqa: F401
     packages, ours = Path(numpy.__file__).resolve().parents[1], ("numpy", "scipy", "scikit_sundae", "sksundae")
-    with threadpool_limits(limits=1):  # as ``THREADS`` has it where runs are run, whatever is set in this process
+    with threadpool_limits(limits=1):  # as where runs are run, whatever is set in this process
         places = [(library, Path(library["filepath"]).resolve()) for library in threadpool_info()]
     return [b for b, p in places if not p.is_relative_to(packages) or p.relative_to(packages).parts[0].startswith(ours)]
 
 
-def _cpu() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    models = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    return next(models, platform.processor())
+if __name__ == "__main__":  # the environment of a process like those of runs, for one that has loaded NumPy its own way
+    sys.stdout.write(json.dumps(stamp("", "", 1, ())))

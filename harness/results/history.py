@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from ..files import parse_json, read_text, to_json, write_text
 from ..shapes import convert_shape
 from . import store
-from .provenance import stamp_of
+from .provenance import describe_processor, stamp_of
 from .records import RunRecord
 from .rows import METRICS, NAN, Row
 
@@ -47,7 +47,7 @@ def make_rows(
         numbers: dict[str, Any] = {k: float(getattr(r, k)) for k in METRICS if k != "cpu_ratio"}
         time = str(stamp.get("started") or r.finished)
         state = (gate or {}).get(r.case, "")
-        out.append(Row(r.commit, time, results, **words, gate=state, **numbers, processor=str(stamp.get("cpu") or "")))
+        out.append(Row(r.commit, time, results, **words, gate=state, **numbers, processor=describe_processor(stamp)))
     return out
 
 

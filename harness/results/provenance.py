@@ -13,7 +13,9 @@ from . import environment
 WORDS = {
     "code": "code that shapes results", "lock_sha256": "lock file", "python": "Python",
     "implementation": "Python implementation", "cpu": "processor", "machine": "machine type",
-    "system": "operating system", "blas": "linear algebra libraries", "threads": "threads", "plugins": "plugins",
+    "system": "operating system", "blas": "linear algebra libraries and their kernels",
+    "simd": "SIMD features of NumPy", "llvm": "processor that code is compiled for", "libc": "C library",
+    "threads": "threads", "plugins": "plugins",
     "suite": "suite",
 }  # fmt: skip
 
@@ -58,7 +60,17 @@ def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
 
 def same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     """Whether numbers must agree bit for bit if the code does."""
-    return bool(before) and environment.identity(before) == environment.identity(after)
+    return bool(before) and environment.arithmetic(before) == environment.arithmetic(after)
+
+
+def describe_processor(stamp: Mapping[str, Any]) -> str:
+    """The processor of a stamp, with the kernels of its linear algebra where these are not those of every processor."""
+    blas = stamp.get("blas") if isinstance(stamp.get("blas"), list) else []
+    assert isinstance(blas, list)
+    kernels = sorted({str(b["architecture"]) for b in blas if isinstance(b, dict) and b.get("architecture")})
+    own = "pinned" in stamp and not stamp["pinned"] and kernels
+    words = f" ({', '.join(kernels)} kernels)" if own else ""
+    return f"{stamp.get('cpu') or ''}{words}"
 
 
 def describe_differences(found: Sequence[Difference]) -> str:

@@ -160,9 +160,12 @@ class RunRecord:
     cpu_median_s: float = column("median of the repeats")
     cpu_max_s: float = column("largest of the repeats")
     cpu_call_s: float = column(
-        "CPU time of the first call as a whole, with all processes that took part: set-up included"
+        "CPU time of the first call as a whole, with all processes that took part: set-up included, code_s left out"
     )
     setup_s: float = column("CPU time of import, refuses, set-up and compilation of the first run, not in cpu_*")
+    code_s: float = column(
+        "CPU time of making and loading code, part of setup_s and, of the others, of cpu_process_s alone"
+    )
     cpu_import_s: float = column("CPU time of importing the plugin, part of setup_s")
     cpu_refuses_s: float = column("CPU time of asking the solver whether it refuses, part of setup_s")
     cpu_process_s: float = column(

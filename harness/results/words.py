@@ -94,6 +94,8 @@ def words_of_ending(record: RunRecord) -> str:
         EndedBy.WALL_LIMIT: f"not finished here: killed after {r.ended_limit_s:g} s of wall time, "
         "before it had used the CPU time it was given",
         EndedBy.CPU_LIMIT: f"not finished here: {printable(r.message) or _describe_kill(r)}",
+        EndedBy.CODE_LIMIT: f"not finished here: compilation took over {r.ended_limit_s:g} s of CPU time, "
+        "which is none of the solver's",
         EndedBy.MEASURE_LIMIT: "not finished here: the solver returned, but measuring its motion took too long",
         EndedBy.TOTAL_LIMIT: f"not finished here: killed at the suite's total_limit of {r.ended_limit_s:g} s",
         EndedBy.EXIT: f"the process exited with code {r.exit_code} and no result",

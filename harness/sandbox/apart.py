@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Literal
 
 from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below
+from ..code_meter import CodePage, page_for_child, report_to
 from ..places import Place
 from .isolation import PATIENCE, Target, end_descendants, fork, kill_descendants, kill_group
 
-Limit = Literal["", "cpu", "wall"]
+Limit = Literal["", "cpu", "wall", "code"]
 Above = Literal["keeper", "here", "itself"]
 NOWHERE = Path(os.devnull)
 SLACK = 10.0  # wall time for a second of CPU, on a machine that does other work too
@@ -39,6 +40,7 @@ class Ended:
     suspended: bool = False  # time passed in which nobody looked: its clocks say little
     cpu: float = math.inf  # [s] of all its threads, and of all that it started, in whatever session
     over: Limit = ""  # the limit at which it was killed
+    code_s: float = 0.0  # [s] of ``cpu`` that making code took, as it said itself
 
     @property
     def words(self) -> str:
@@ -52,22 +54,30 @@ class Apart:
 
     def __init__(
         self, target: Target, *, limit: float, memory: float, wall: float | None = None,
-        stderr: Path | Place = NOWHERE, above: Above = "keeper",
+        stderr: Path | Place = NOWHERE, above: Above = "keeper", code: float = 0.0,
     ) -> None:  # fmt: skip
         """Run ``target(send)`` with ``limit`` [s] of CPU time, all that it starts included, and ``memory`` [MB].
 
         After ``wall`` [s] it is killed, too: a safety net for what waits without end, ``SLACK`` times the limit unless
         given. What a busy machine slows down stays within it. ``above`` names who ends what it leaves: a keeper, this
-        process (which has adopted orphans, and has no other children), or the process itself.
+        process (which has adopted orphans, and has no other children), or the process itself. What it says it takes to
+        make code is left out of both limits, up to ``code`` [s], which is a limit of its own.
         """
-        self.above = above
-        self.pid, self.pipe = fork(target, stderr, memory, limit, keeper=above == "keeper")
+        self.above, self.code = above, code
+        self._page, self._slot = page, slot = page_for_child() if code else (CodePage(), 0)
+
+        def begin(send: Callable[[str], None]) -> object:
+            if code:
+                report_to(page, slot)
+            return target(send)
+
+        self.pid, self.pipe = fork(begin, stderr, memory, limit, keeper=above == "keeper", code=code)
         self.root = os.getpid() if above == "here" else self.pid
         os.set_blocking(self.pipe, False)
         self.limit, self.used = limit, dict[int, float]()  # [s], by process
         self.deadline = time.monotonic() + (SLACK * limit if wall is None else wall)
         self.over: Limit = ""
-        self._next = self._killed_at = 0.0
+        self._next = self._killed_at = self._used = 0.0
         self.killed = self.suspended = False
         self._looked = time.monotonic()
         self.closed_at = 0.0  # when it closed its pipe: it is about to end
@@ -105,7 +115,15 @@ class Apart:
         code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss * MAXRSS
         left = end_descendants()[1] if self.above == "here" else 0.0
         cpu = max(usage.ru_utime + usage.ru_stime + left, sum(self.used.values()))
-        return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over)
+        if code == -signal.SIGXCPU and self._page.is_making(self._slot):
+            self.over = "code"
+        made = self._page.seconds(cpu, self._slot)
+        return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over, made)
+
+    @property
+    def code_seconds(self) -> float:
+        """CPU time [s] of making code, as it says itself."""
+        return self._page.seconds(self._used, self._slot)
 
     def _check_limits(self, now: float) -> None:
         """On the sum over its tree: the limit that the system keeps is on each process."""
@@ -113,13 +131,16 @@ class Apart:
             if now > self._killed_at + 2.0 * PATIENCE:
                 kill_group(self.pid)
             return
-        used = 0.0
         if now > self._next and math.isfinite(self.limit):
             self._next = now + EVERY
             self.used |= cpu_by_process(self.root)
             own = cpu_seconds() if self.above == "here" else 0.0
             used = max(sum(self.used.values()), cpu_seconds_below(self.root) - own)  # who waited knows short children
-        self.over = "wall" if now > self.deadline else "cpu" if used > self.limit + 1.0 else ""
+            self._used = used
+        made = self.code_seconds
+        solving, late = self._used - made, self.deadline + SLACK * min(made, self.code)
+        self.over = "code" if made > self.code + 1.0 else "cpu" if solving > self.limit + 1.0 else ""
+        self.over = "wall" if now > late else self.over
         if self.over:
             self.kill()
 

@@ -19,6 +19,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 
 from ..clock import cpu_seconds, descendants, set_keeper
+from ..code_meter import HARD, leave_code_out_of
 from ..places import Place
 
 Target = Callable[[Callable[[str], None]], object]  # what a child runs, given how to send a line
@@ -43,8 +44,10 @@ def describe_lacking(platform: str = sys.platform) -> str:
     )
 
 
-def fork(target: Target, stderr: Path | Place, memory: float, cpu: float, *, keeper: bool = True) -> tuple[int, int]:
-    """Run ``target(send)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
+def fork(
+    target: Target, stderr: Path | Place, memory: float, cpu: float, *, keeper: bool = True, code: float = 0.0
+) -> tuple[int, int]:
+    """Run ``target(send)`` in a child with ``memory`` [MB] beyond what is loaded, ``cpu`` [s], and ``code`` for code.
 
     Returns its keeper's process (and group) and the read end of the pipe on which it sends lines. The keeper takes over
     all that ``target`` starts and leaves, in whatever session; it ends that with the child, waits for it, so that the
@@ -77,7 +80,7 @@ def fork(target: Target, stderr: Path | Place, memory: float, cpu: float, *, kee
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
         _redirect(stderr)
-        limit_process(memory, cpu)
+        limit_process(memory, cpu, code)
         for name in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
             signal.signal(name, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -235,14 +238,20 @@ def _redirect(stderr: Path | Place) -> None:
     os.close(nothing)
 
 
-def limit_process(memory: float, cpu: float) -> None:
-    """Limit this process to ``memory`` [MB] and ``cpu`` [s] beyond what it uses now; infinity is no limit."""
+def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
+    """Limit this process to ``memory`` [MB] and ``cpu`` [s] beyond what it uses now; infinity is no limit.
+
+    It may use ``code`` [s] more to make code.
+    """
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (OUTPUT_LIMIT, OUTPUT_LIMIT))
     if math.isfinite(cpu):
         seconds, hard = int(cpu_seconds() + cpu) + 1, resource.getrlimit(resource.RLIMIT_CPU)[1]
-        hard = seconds + 5 if hard == resource.RLIM_INFINITY else min(hard, seconds + 5)
+        most = seconds + int(code) + HARD
+        hard = most if hard == resource.RLIM_INFINITY else min(hard, most)
         resource.setrlimit(resource.RLIMIT_CPU, (min(seconds, hard), hard))
+        if code:
+            leave_code_out_of(seconds)
     if math.isfinite(memory) and not describe_lacking():  # elsewhere the system takes the limit and does not keep it
         allowed = _data_in_use() + int(memory * 2**20)
         resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private; RLIMIT_AS counts mapped libraries

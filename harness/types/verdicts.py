@@ -55,6 +55,7 @@ class EndedBy(StrEnum):
     SIGNAL = "signal"
     WALL_LIMIT = "wall_limit"  # the safety net, at ten times the limit on CPU time
     CPU_LIMIT = "cpu_limit"
+    CODE_LIMIT = "code_limit"  # compilation took too long: no time of the solver's
     MEMORY_LIMIT = "memory_limit"
     MEASURE_LIMIT = "measure_limit"  # the solver returned, but measuring its motion took too long
     TOTAL_LIMIT = "total_limit"  # of the suite

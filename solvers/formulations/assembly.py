@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...harness.code_meter import making_code
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import set_to_zero
 from .layout import Layout
@@ -92,6 +93,7 @@ class _Compiled(NamedTuple):
 
 
 @lru_cache(ELEMENTS)
+@making_code
 def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
     out = ca.vertcat(*e.outputs.values())
     loops = {"values": Loop(rows=[e.parameters], gathered=[e.z, e.w], added=[out])}

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...harness.code_meter import making_code
 from .assembly import Assembly
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import Step, add_products, set_to_zero, take, take_negative
@@ -154,6 +155,7 @@ class _Semi(_Direct):
 
 
 @cache
+@making_code
 def _subtract() -> Code:
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     return compile_functions({"subtract": Loop(rows=[a, b], stored=[a - b])})

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from scipy_dae.integrate._dae import bdf
 from scipy_dae.integrate._dae.dae import DaeSolver
 
+from ...harness.code_meter import making_code
 from ...harness.types import StepControl
 from .dae import ImplicitForm
 from .generated import Code, Loop, compile_functions
@@ -185,6 +186,7 @@ def _judge(size: float, before: float, k: int, most: int, tol: float) -> tuple[b
 
 
 @cache
+@making_code
 def _ndf_loops() -> Code:
     c, d, psi, x, inverse_scale = (ca.SX.sym(name) for name in ("c", "d", "psi", "x", "inverse_scale"))
     rate = Loop(whole=[c], rows=[d, psi], stored=[c * d + psi])
@@ -193,6 +195,7 @@ def _ndf_loops() -> Code:
 
 
 @cache
+@making_code
 def _radau_loops() -> Code:
     TI, T, hA = (ca.SX.sym(name, 3, 3) for name in ("TI", "T", "hA"))
     F, x, parts, inverse_scale = ca.SX.sym("F", 3), ca.SX.sym("x"), ca.SX.sym("parts", 2), ca.SX.sym("inverse_scale")

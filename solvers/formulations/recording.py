@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.clock import cpu_seconds
+from ...harness.code_meter import Stopwatch, settle
 from ...harness.mechanics.jacobian import constraint_jacobian
 from ...harness.mechanics.motion import constraint
 from ...harness.mechanics.state import States
@@ -31,14 +31,17 @@ class StepFailure(Exception):
 
 @dataclass
 class Clock:
-    """CPU time of the integration; raises ``StepFailure`` at its limit, also from inside a step."""
+    """CPU time of the integration; raises ``StepFailure`` at its limit, also from inside a step.
+
+    It stands still while code is made.
+    """
 
     limit: float | None
-    began: float = field(default_factory=cpu_seconds)
-    cpu: float = field(default_factory=cpu_seconds)
+    whole: Stopwatch = field(default_factory=Stopwatch)
+    part: Stopwatch = field(default_factory=Stopwatch)
 
     def check(self) -> None:
-        if self.limit is not None and cpu_seconds() - self.began > self.limit:
+        if self.limit is not None and self.whole.solver > self.limit:
             raise self.failure()
 
     def failure(self) -> StepFailure:
@@ -47,15 +50,21 @@ class Clock:
 
     def cpu_left(self) -> float | None:
         """CPU time until the limit [s], if there is one."""
-        return None if self.limit is None else self.limit - (cpu_seconds() - self.began)
+        return None if self.limit is None else self.limit - self.whole.solver
 
     def restart(self) -> float:
-        """CPU time until here [s], the set-up; it counts anew, but the limit is on the whole call."""
-        before, self.cpu = self.cpu, cpu_seconds()
-        return self.cpu - before
+        """CPU time until here [s], code included, the set-up; it counts anew, but the limit is on the whole call."""
+        settle()
+        before, self.part = self.part, Stopwatch()
+        return before.solver + before.code
 
     def cpu_time(self) -> float:
-        return cpu_seconds() - self.cpu
+        """CPU time [s] since then."""
+        return self.part.solver
+
+    def code_time(self) -> float:
+        """CPU time [s] of making code since then, which is set-up."""
+        return self.part.code
 
 
 class Clocked(ABC):
@@ -119,6 +128,7 @@ def march(
     except MemoryError:
         status, message = Status.MEMORY, f"stopped at t = {times[-1]:.6g} s: out of memory"
     cpu_time, t_all, y_all, nt = clock.cpu_time(), np.array(times), np.array(ys), len(times)
+    setup_time += clock.code_time()
     states = _states(layout, y_all).with_times(t_all)
     margin = layout.chart.margin(y_all[:, layout.p].reshape(nt, layout.system.nb, layout.chart.size))
     if in_use is not None:

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from ...harness.code_meter import making_code
 from ...harness.mechanics.fixed_order import inverse
 from ...harness.types import Status
 from .charts import Chart
@@ -47,6 +48,7 @@ class InverseMass:
 
 
 @cache
+@making_code
 def _blocks(chart: Chart) -> Code:
     p, u, free = ca.SX.sym("p", chart.size), ca.SX.sym("u", 6), ca.SX.sym("free", 36)
     T_inverse = ca.inv_minor(ca.jacobian(chart.body_velocity(p, u), u)[3:, 3:])

@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from ...harness.code_meter import making_code
 from ...harness.mechanics.system import GROUND
 from .assembly import Assembly, Batch
 from .generated import Code, Loop, Program, compile_functions
@@ -162,6 +163,7 @@ class StrongForm:
 
 
 @lru_cache(ELEMENTS)
+@making_code
 def _compiled_rows(alpha: float, beta: float) -> Code:
     """Eq. (65) row by row: its right side of the saddle, and lam_ddot."""
     names = ("phi", "phi_dot", "M_bar", "M_bar_dot", "C_bar", "K_bar", "gamma", "lam", "lam_dot", "F", "f_bar")

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from ...harness.code_meter import making_code
 from ...harness.mechanics.forces import DECLARED
 from .charts import Chart
 from .rows.expressions import push_expressions, row_expressions
@@ -73,6 +74,7 @@ def moving_body(chart: Chart, end: str) -> Moving:
 
 
 @lru_cache(ELEMENTS)
+@making_code
 def body_element(chart: Chart) -> Element:
     """Parameters (m, J (9), g (3)); outputs p_dot of the chart and e, the unbalanced load without joints."""
     b = moving_body(chart, "i")
@@ -110,6 +112,7 @@ def joint_pair(kind: str, chart: Chart) -> Pair:
 
 
 @lru_cache(ELEMENTS)
+@making_code
 def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
     """Parameters: ``joint_numbers``; z ends with lam, then t. Outputs load_i, load_j = -A^T lam and c, the rows.
 
@@ -135,6 +138,7 @@ def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) 
 
 
 @lru_cache(ELEMENTS)
+@making_code
 def jacobian_element(kind: str, chart: Chart) -> Element:
     """A of the rows in the chart, by columns."""
     pair = joint_pair(kind, chart)
@@ -145,6 +149,7 @@ DIRECTIONS = ("a", "mass", "translation")
 
 
 @lru_cache(ELEMENTS)
+@making_code
 def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
     """The terms of Eq. (65) of the rows at u_dot = 0; of ``joint_numbers``, then m_i, J_i, m_j, J_j, 1 if j moves.
 
@@ -178,6 +183,7 @@ def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element
 
 
 @lru_cache(ELEMENTS)
+@making_code
 def push_element(kind: str, chart: Chart, *, chosen: bool = True) -> Element:
     """A kind of force; parameters ``force_numbers``; output -B^T f on its bodies, or f in V if not ``chosen``."""
     e, i, j = push_expressions(kind), moving_body(chart, "i"), moving_body(chart, "j")
@@ -195,6 +201,7 @@ def load_of(bodies: Sequence[Moving], f: ca.SX, parameters: ca.SX, t: ca.SX, *, 
 
 
 @lru_cache(ELEMENTS)
+@making_code
 def free_spring_element(chart: Chart) -> Element:
     """Slopes of the spring's force f in the velocities V: -df/dV, -df/dx along the flow (12 x 12, by columns).
 

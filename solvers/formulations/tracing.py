@@ -9,12 +9,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ...harness.code_meter import making_code
 from ...harness.mechanics.system import MultibodySystem
 from ...harness.mechanics.user_forces import Law
 from .rows.symbols import Symbol
 from .symbolic import Element, load_of, moving_body
 
 
+@making_code
 def user_element(law: Law, chart: Any, *, chosen: bool) -> Element:
     """z ends with t; output the load -B^T f on (i, j), or f in V if not ``chosen``."""
     i, j, t = moving_body(chart, "i"), moving_body(chart, "j"), ca.SX.sym("t")

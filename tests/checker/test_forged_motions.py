@@ -1,5 +1,6 @@
 """Motions that break one law and whose records claim success: the checker, which sees the motion alone, finds each."""
 
+import dataclasses
 import io
 import json
 import math
@@ -14,14 +15,16 @@ from mbsbench.harness.bundle.table import make_table
 from mbsbench.harness.catalogue.registry import load_plugin, make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.run import run_here
+from mbsbench.harness.metrics.rows import interpolate_rows
 from mbsbench.harness.results import records, store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.suites.spec import make_spec
+from mbsbench.harness.types import StepControl
 
 from ..harness.ladder.forgeries.bundles import NEW_DIGESTS, OF_A_RUN, OF_NUMBERS, OLD_DIGESTS
 from ..harness.ladder.forgeries.forger import CONDUCT, COSTS
-from ..harness.ladder.forgeries.motions import MOTIONS
-from .test_check_bundle import check, read, write
+from ..harness.ladder.forgeries.motions import MOTIONS, swing
+from .test_check_bundle import check, checker, read, write
 
 PARAMETERS = {"mass": 1.0, "half_length": 0.5, "omega_x": 5.0, "omega_z": 3.0, "t_end": 0.5}
 
@@ -63,6 +66,24 @@ def test_the_checker_judges_a_forged_motion_as_the_harness_does(bundle, tmp_path
     if record["status"] in ("wrong", "inaccurate") and run["states"] != "none":
         files, *_ = forged(bundle, how, status="success", wrong_because="[]")
         assert "status" in {line[18:56].split()[0] for line in check(write(tmp_path / "b.zip", files))}
+
+
+def test_the_checker_interpolates_matrices_that_are_no_rotations_as_the_harness_does():
+    """At every time between rows: which of them is the largest error is decided by rounding."""
+    found = swing(make_problem("spherical_pendulum", PARAMETERS), StepControl(dt=2e-3))
+    random = np.random.default_rng(1)
+    s = found.states
+    for R in (
+        s.R + 0.05 * random.standard_normal(s.R.shape),
+        s.R * np.linspace(0.9, 1.1, len(s.R))[:, None, None, None],
+    ):
+        bent = dataclasses.replace(s, R=R)
+        rows = np.concatenate([found.t[:, None], *(a.reshape(len(s), -1) for a in (s.r, R, s.v, s.Omega))], axis=1)
+        at = np.linspace(0.0, found.t[-1], 501)
+        ours = interpolate_rows(found.t, bent, at)
+        theirs = [checker.Problem.find_between(None, np.insert(rows, rows.shape[1], 0.0, axis=1), t) for t in at]
+        for name, place in (("r", 0), ("R", 1)):
+            assert np.max(np.abs(getattr(ours, name) - np.array([one[place] for one in theirs]))) < 1e-14
 
 
 def of_vector(files, run, change):

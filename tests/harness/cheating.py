@@ -2,13 +2,19 @@
 
 import contextlib
 import dataclasses
+import math
 import os
 import resource
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import numba
+import numba.core.event
+
 from mbsbench import Problem, StepControl, Trajectory, option, solver
+from mbsbench.harness import code_meter
 from mbsbench.tests.harness.misbehaving import Exact
 
 WORK = 0.3  # [s] of CPU that the motion is said to need
@@ -39,6 +45,19 @@ def apart(detached: bool, seconds: float = WORK, twice: bool = False) -> int:
     os._exit(0)
 
 
+def _compile() -> Callable[[float], float]:
+    """A function that numba compiles when it is called, at its honest price."""
+
+    @numba.njit
+    def fourth(x: float) -> float:
+        total = 0.0
+        for k in range(4):
+            total += x**k + math.sin(k * x)
+        return total
+
+    return fourth  # type: ignore[no-any-return]
+
+
 DONE: set[int] = set()  # processes in which the work was done already
 
 
@@ -50,7 +69,7 @@ class Cheats(Exact):
     where: str = option(
         "call", "where it works",
         choices=("call", "refuses", "daemon", "daemon_in_refuses", "child", "disowned", "clocks", "half", "set_up",
-                 "first", "file"),
+                 "first", "file", "block", "numba_event", "compiler"),
     )  # fmt: skip
 
     def refuses(self, p: Problem, control: StepControl) -> str | None:
@@ -71,6 +90,16 @@ class Cheats(Exact):
         if self.where in ("call", "half", "set_up"):
             work()
             cost = {"half": {"cpu_time": 0.5 * WORK}, "set_up": {"setup_time": WORK}}.get(self.where, cost)
+        if self.where == "block":
+            code_meter._open()
+            work()
+            code_meter._close()
+        if self.where == "numba_event":
+            with numba.core.event.trigger_event("numba:compile"):
+                work()
+        if self.where == "compiler":
+            _compile()(1.0)
+            work()
         if self.where == "clocks":
             work(MUCH)
         if self.where == "daemon":

@@ -93,6 +93,14 @@ def test_the_code_says_which_product_is_contracted(monkeypatch):
         assert evaluate(made, "f", *(np.array([v]) for v in x.values()), size=6).tolist() == expected
 
 
+def test_parts_that_pass_no_number_on_compile(monkeypatch):
+    """Each output is an operation of its own: the array between parts is empty, and still an argument of each."""
+    monkeypatch.setattr(printing, "PART", 1)
+    made = compile_functions({"f": ([a, b], [ca.vertcat(a * b, a - b, ca.sin(a))])})
+    ours = evaluate(made, "f", np.array([0.3]), np.array([0.9]), size=3)
+    np.testing.assert_allclose(ours, (0.3 * 0.9, 0.3 - 0.9, np.sin(0.3)), rtol=5e-16)
+
+
 def test_equal_operations_are_shared_and_unused_ones_dropped():
     """One sine for two, none for what no output reads, and no operation with a constant zero."""
     made = {"f": printing.Straight([a, b], [ca.sin(a) * b + ca.sin(a) + 0 * ca.cos(b), ca.sin(a)])}

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from ....harness.clock import cpu_seconds
+from ....harness.code_meter import solver_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.recording import Clock, StepFailure
 
@@ -24,7 +24,7 @@ class PartialStretch(StepFailure):
 
 def march(
     problem: Problem, control: StepControl, advance: Advance, states: Callable[[np.ndarray], States], *,
-    clock: Clock, notes: tuple[str, ...], stretch: int = STRETCH, seconds: Callable[[], float] = cpu_seconds,
+    clock: Clock, notes: tuple[str, ...], stretch: int = STRETCH, seconds: Callable[[], float] = solver_seconds,
 ) -> Trajectory:  # fmt: skip
     """Call ``advance`` until ``t_end``; CPU time is that of ``advance`` alone, set-up since ``clock`` was made.
 
@@ -70,7 +70,7 @@ def march(
                 spool.take(t[0][spool.rows :], parts[0].at(slice(spool.rows, n + 1)))
     except StepFailure as failure:
         status, message = failure.status, f"stopped at t = {t[-1][-1]:.6g} s: {failure.message}"
-    counters = {"steps": n}
+    counters, setup = {"steps": n}, setup + clock.code_time()
     return Trajectory(
         np.concatenate(t), _join_states(parts), status, message, counters, notes=notes, cpu_time=cpu, setup_time=setup
     )

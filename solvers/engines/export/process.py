@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.code_meter import add_code_below
 from ....harness.types import Status
 from ...formulations.recording import StepFailure
 
@@ -59,7 +60,9 @@ class Process:
         rows = back.read(8 * shape[0] * shape[1])
         if len(rows) < 8 * shape[0] * shape[1]:
             raise self._failure()
-        self.stepping, self.cpu = found.pop("stepping"), found.pop("cpu")
+        stepping, cpu, self.stepping, self.cpu = self.stepping, self.cpu, found.pop("stepping"), found.pop("cpu")
+        if do != "advance":
+            add_code_below(max(self.cpu - cpu - (self.stepping - stepping), 0.0))
         if "refusal" in found:
             raise ValueError(found["refusal"])
         return found, np.frombuffer(rows).reshape(shape)

@@ -22,6 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from ....harness.code_meter import making_code
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ...formulations.packages import ENGINES, missing
 from ...formulations.recording import Clock, Clocked, StepFailure
@@ -103,7 +104,10 @@ class Model:
                 "rtol": control.rtol, "t_end": problem.t_end}  # fmt: skip
         data = json.loads(json.dumps(data, default=lambda a: a.tolist()))
         python = environment_of(adapter.inside)
-        self._made = _Here(adapter.inside, data) if python is None else _There(process_of(adapter.inside, python), data)
+        with making_code:  # imports of the engine, and the kernels that its first step compiles
+            self._made = (
+                _Here(adapter.inside, data) if python is None else _There(process_of(adapter.inside, python), data)
+            )
 
     def seconds(self) -> float:
         """CPU time [s] of stepping."""
@@ -114,7 +118,7 @@ class Model:
         before = self._made.stepping
         rows, stopped = self._made.advance(steps, dt)
         if self._made.apart and self.clock is not None:
-            self.clock.began -= self._made.stepping - before  # the limit is on both processes
+            self.clock.whole.solver_began -= self._made.stepping - before  # the limit is on both processes
         if stopped:
             raise PartialStretch(Status.DIVERGED, stopped, rows)
         return rows
@@ -127,8 +131,10 @@ class Model:
     def at_start(self) -> EngineModel:
         """For the model check."""
         nu = len(self.tree.start_velocity)
+        with making_code:  # it compiles other kernels than steps do
+            answer = self._made.at_start()
         found = {name: np.array(a, dtype=float) if isinstance(a, list | np.ndarray) else a
-                 for name, a in self._made.at_start().items()}  # fmt: skip
+                 for name, a in answer.items()}  # fmt: skip
         found["constraints"] = found.get("constraints", self.tree.loop_jacobian()).reshape(-1, nu)
         if "rates" in found:  # instead of forces
             T, u = self.tree.jacobian(), self.tree.start_velocity

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.code_meter import making_code
 from ..generated import Code, Program
 
 MAKERS = (Path(__file__), Path(__file__).parent / "numba_code.py")  # the layout of words, and the code around them
@@ -145,6 +146,7 @@ class Reach(NamedTuple):
 
 
 @cache
+@making_code
 def reach(function: Callable[..., None]) -> Reach:
     """Digest of ``function`` and of all that it calls, without comments and docstrings."""
     digest = hashlib.sha256(f"{sys.version} {_numba_version()}".encode() + b"".join(f.read_bytes() for f in MAKERS))

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ....harness.catalogue.options import option
-from ....harness.clock import cpu_seconds
+from ....harness.code_meter import Stopwatch, making_code, settle
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..refusals import without_phi
 from . import marching, mechanism
@@ -105,7 +105,7 @@ class Marcher:
             *(reach(function).names for function in functions)
         )
         self.method, self.state, self._system = method, state, problem.system
-        self.notes, self.making, self._may_change = list[str](), 0.0, False
+        self.notes, self._may_change = list[str](), False
         self._needed = frozenset(needed)
         kernel = self._choose_kernel(self._needed)
         start_at(kernel, problem.initial)
@@ -143,9 +143,9 @@ class Marcher:
         self.kernel = kernel
         self._entries = Bound(self.method.step, self.bundle), Bound(self.method.finish, self.bundle)
 
+    @making_code
     def _change_code(self) -> None:
         """From the kernel to code of the mechanism, where a run is so long that it pays."""
-        began = cpu_seconds()
         try:
             kernel = self._use_code(self.kernel)
             for entry in ("rows", "factorise"):  # a method may have left them for the next step
@@ -155,7 +155,7 @@ class Marcher:
             self._bind(kernel)
         except mechanism.NoCode as error:
             self.notes[-1] += f" ({_cause(str(error))})"
-        self._may_change, self.making = False, cpu_seconds() - began
+        self._may_change = False
 
     @property
     def _evaluations(self) -> int:
@@ -178,7 +178,7 @@ class Marcher:
 
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
     """March to the end or to a failure, which is a status."""
-    began = cpu_seconds()
+    watch = Stopwatch()
     state = new_control(
         t_end=problem.t_end, adaptive=method.order > 0.0, order=method.order, rate=method.rate, last_error=1e-4,
         rtol=control.rtol or 0.0, max_step=control.max_step or np.inf, dt=control.dt or 0.0,
@@ -191,16 +191,17 @@ def integrate(problem: Problem, control: StepControl, method: Method) -> Traject
 
         return no_trajectory(problem, Status.REFUSED, str(error))
     if method.relieve:
-        return _march(problem, control, method, method.relieve(problem, marcher), cpu_seconds() - began)
-    out = _march(problem, control, method, marcher, cpu_seconds() - began)
-    making, notes = marcher.making, (*out.notes, *marcher.notes)
-    return replace(out, notes=notes, cpu_time=out.cpu_time - making, setup_time=out.setup_time + making)
+        return _march(problem, control, method, method.relieve(problem, marcher), watch)
+    out = _march(problem, control, method, marcher, watch)
+    return replace(out, notes=(*out.notes, *marcher.notes))
 
 
-def _march(problem: Problem, control: StepControl, method: Method, marcher: Any, set_up: float) -> Trajectory:
+def _march(problem: Problem, control: StepControl, method: Method, marcher: Any, watch: Stopwatch) -> Trajectory:
+    """March; ``watch`` runs since the call began. Code that is made on the way is set-up."""
     system, state, order = problem.system, marcher.state, marcher.kernel.order
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * system.nb + system.nrows)))))
-    cpu = cpu_seconds()
+    settle()
+    set_up = watch.solver
     done: list[Record] = []
     taken, status, message = 0, Status.SUCCESS, ""
     while True:
@@ -218,12 +219,12 @@ def _march(problem: Problem, control: StepControl, method: Method, marcher: Any,
         limit = None
         if taken >= control.max_steps:
             limit = f"max_steps = {control.max_steps}"
-        elif control.cpu_limit is not None and set_up + cpu_seconds() - cpu > control.cpu_limit:
+        elif control.cpu_limit is not None and watch.solver > control.cpu_limit:
             limit = f"CPU limit of {control.cpu_limit:g} s"
         if limit:
             status, message = Status.STALLED, f"{limit} reached at t = {t:g} s"
             break
-    cpu = cpu_seconds() - cpu
+    cpu, set_up = watch.solver - set_up, set_up + watch.code
     whole = Record(*(np.concatenate(a) for a in zip(*done, strict=True)))
     first, moved = problem.initial, _states(whole)
     reaction = np.concatenate((marcher.reaction, whole.lam[:, order]))

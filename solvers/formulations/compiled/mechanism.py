@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.code_meter import making_code
 from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code, Program
@@ -125,6 +126,7 @@ def _functions(needed: Collection[str]) -> tuple[str, ...]:
     return tuple(sorted(set(SPLIT_EVALUATION).union(*(SPLIT[name] for name in needed if name in SPLIT))))
 
 
+@making_code
 def code_of_mechanism(
     system: MultibodySystem, k: Kernel, step: str = "", **choices: Any
 ) -> tuple[Code, int, list[int]]:

@@ -16,6 +16,8 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from ....harness.cache import cache_folder
+from ....harness.code_meter import making_code
+from ....harness.machine import llvm_target
 from ....harness.places import Place
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on 
 class Code:
     """Functions loaded in this process. Their addresses are valid as long as this lives: keep it with them."""
 
+    @making_code
     def __init__(self, ir: str | Callable[[], str], key: str = "") -> None:
         """From IR; or from what prints it, which is called only if nothing is kept under ``key``."""
         self._machine = _machine()
@@ -49,6 +52,7 @@ class Code:
         return ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
 
 
+@making_code
 def compile_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> Code:
     """Code with one function for each name; a tuple (inputs, outputs) of CasADi's SX is a ``Straight``.
 
@@ -57,6 +61,7 @@ def compile_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[
     return Code(print_functions(functions))
 
 
+@making_code
 def print_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> str:
     """The IR of ``compile_functions``."""
     from .functions import Straight
@@ -70,12 +75,8 @@ def _machine() -> llvm.TargetMachine:
     llvm.initialize_native_asmprinter()
     llvm.add_symbol("mbsbench_error", id(ArithmeticError))  # of code that raises; numba takes the name PyExc_...
     target = llvm.Target.from_triple(llvm.get_process_triple())
-    cpu, features = _processor()
+    cpu, features = llvm_target()
     return target.create_target_machine(cpu=cpu, features=features, opt=LEVEL, reloc="pic", codemodel="jitdefault")
-
-
-def _processor() -> tuple[str, str]:
-    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
 def is_kept(key: str) -> bool:
@@ -85,7 +86,7 @@ def is_kept(key: str) -> bool:
 
 def _place(key: str, machine: llvm.TargetMachine) -> Place:
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
-    name = hashlib.sha256("\0".join((key, *_processor(), machine.triple, version)).encode()).hexdigest()
+    name = hashlib.sha256("\0".join((key, *llvm_target(), machine.triple, version)).encode()).hexdigest()
     return Place(FOLDER) / f"{name}.o"
 
 

@@ -63,7 +63,8 @@ class _Printer:
         return [*lines, *self._entry(calls)]
 
     def _entry(self, calls: list[str]) -> Iterator[str]:
-        slots = [f"  %slots = alloca double, i64 {len(self._slots)}"] if self._slots else []
+        shared = any("%slots" in call for call in calls)  # parts take it also where no number passes between them
+        slots = [f"  %slots = alloca double, i64 {max(len(self._slots), 1)}"] if shared else []
         if not self._loops:
             calls = [line.replace("i64 %e", "i64 0") for line in calls]
             yield from (f'define void @"{self._name}"({self._arguments()}) {{', *slots, *calls, "  ret void", "}")

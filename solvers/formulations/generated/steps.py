@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cython_lapack
 
+from ....harness.code_meter import making_code
 from .code import Code, compile_functions
 from .functions import Loop
 
@@ -65,6 +66,7 @@ def _step(name: str, n: int, *arrays: np.ndarray) -> Step:
 
 
 @cache
+@making_code
 def _loops() -> Code:
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     return compile_functions(

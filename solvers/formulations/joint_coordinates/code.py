@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ....harness.code_meter import making_code
 from ....harness.mechanics import fixed_order
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
@@ -61,6 +62,7 @@ class JointCode(NamedTuple):
         return self.operations <= SMALL
 
 
+@making_code
 def make_code(system: MultibodySystem, tree: Tree, at: np.ndarray | None = None) -> JointCode:
     """Made, or loaded; ValueError where none can be made. Its order of elimination is found at y, or at the start."""
     key = f"{texts_of_makers()}\0{_own_text()}\0{_digest(system, tree, at)}"

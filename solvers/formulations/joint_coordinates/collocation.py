@@ -1,11 +1,19 @@
-"""Tableaux of symplectic steps with constraints: Gauss with Lobatto, and RATTLE."""
+"""Tableaux of symplectic steps with constraints: Gauss with Lobatto, and RATTLE.
 
+Nodes are known to 2^-``BITS``, all that follows from them is computed in fractions and rounded once: the same bits on
+every machine, whatever linear algebra it has.
+"""
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from numpy.polynomial import legendre
 
+BITS = 90  # of a node: 37 more than a float has
 DEPTH = 4  # steps before by which a step is estimated
 DEGREE = 7  # of the polynomial of such an estimate, at most
 
@@ -42,33 +50,47 @@ class Tableau(NamedTuple):
             if self.collocates:
                 past = past[-2:]
                 of = (past[:, None] + self.c).ravel()
-                weights = extrapolation(of, self.c, min(len(of) - 1, DEGREE))
+                weights = extrapolation((*of,), (*self.c,), min(len(of) - 1, DEGREE))
                 stages[k, :, DEPTH - len(past) :] = weights.reshape(s, -1, s)
-                rows[k, :, -1] = extrapolation(self.nodes - 1.0, self.nodes[:-1], m - 1)
+                rows[k, :, -1] = extrapolation((*self.nodes - 1.0,), (*self.nodes[:-1],), m - 1)
             else:
-                each = extrapolation(past, np.zeros(1), k)[0, :, None]
+                each = extrapolation((*past,), (0.0,), k)[0, :, None]
                 stages[k, :, DEPTH - k - 1 :] = each * np.eye(s)[:, None]
                 rows[k, :, DEPTH - k - 1 :] = each * np.eye(m)[:-1, None]
         return stages.reshape(DEPTH, s, -1), rows.reshape(DEPTH, m - 1, -1)
 
+    def newton(self) -> Float[np.ndarray, "n n"]:
+        """Return C^-1, C = a_node a_row without the first node and the last row."""
+        at, by = ([[Fraction(x) for x in row] for row in a.tolist()] for a in (self.a_node[1:], self.a_row[:, :-1]))
+        C = [[sum((x * y for x, y in zip(row, column, strict=True)), ZERO) for column in zip(*by, strict=True)]
+             for row in at]  # fmt: skip
+        return _rounded(_solve(C, _unit(len(C))))
 
+
+@cache
 def gauss_lobatto(s: int) -> Tableau:
     """Gauss collocation, rows at the s + 1 nodes of Lobatto: order 2 s (Jay 2007)."""
-    x, w = legendre.leggauss(s)
-    P = legendre.legvander(x, s - 1)
-    ends = np.concatenate(([-1.0], np.sort(legendre.legroots(legendre.legder(np.eye(s + 1)[s]))), [1.0]))
+    P = _legendre(s)
+    x = _roots(P[s])
+    slope = _derivative(P[s])
+    ends = [Fraction(-1), *_roots(slope), Fraction(1)]
+    b = [1 / ((1 - z * z) * _value(slope, z) ** 2) for z in x]
+    b_row = [1 / (s * (s + 1) * _value(P[s], z) ** 2) for z in ends]
 
-    def integrals(to: np.ndarray) -> np.ndarray:
+    def integrals(to: list[Fraction]) -> Exact:
         """From -1 of the polynomials that are 1 at one node of Gauss and 0 at the others; half of them."""
-        V = legendre.legvander(to, s)
-        below = np.concatenate((-np.ones((len(to), 1)), V[:, : s - 1]), axis=1)
-        return 0.25 * (V[:, 1 : s + 1] - below) @ P.T * w
+        known = [[sum((_value(_integral(P[k]), z) * (k + Fraction(1, 2)) * _value(P[k], node) for k in range(s)), ZERO)
+                  for node in x] for z in to]  # fmt: skip
+        return [[weight * share for weight, share in zip(row, b, strict=True)] for row in known]
 
-    a, a_node, b = integrals(x), integrals(ends), 0.5 * w
-    a_node[0], a_node[-1] = 0.0, b
-    b_row = 1.0 / (s * (s + 1) * legendre.legval(ends, np.eye(s + 1)[s]) ** 2)
-    a_row = np.ascontiguousarray(b_row * (1.0 - a_node.T / b[:, None]))
-    return Tableau(2 * s, True, 0.5 * (1.0 + x), a, a, b, 0.5 * (1.0 + ends), a_node, a_row, b_row)
+    a, a_node = integrals(x), integrals(ends)
+    a_row = [[w * (1 - a_node[j][i] / b[i]) for j, w in enumerate(b_row)] for i in range(s)]
+    c, nodes = ([(1 + z) / 2 for z in of] for of in (x, ends))
+    rounded = _rounded(a)
+    return Tableau(
+        2 * s, True, _rounded([c])[0], rounded, rounded, _rounded([b])[0], _rounded([nodes])[0], _rounded(a_node),
+        _rounded(a_row), _rounded([b_row])[0],
+    )  # fmt: skip
 
 
 def rattle() -> Tableau:
@@ -78,9 +100,79 @@ def rattle() -> Tableau:
     return Tableau(2, False, ends, to_end, first, half, ends, to_end, first, half)
 
 
-def extrapolation(of: np.ndarray, to: np.ndarray, degree: int) -> Float[np.ndarray, "n m"]:
+@cache
+def extrapolation(of: tuple[float, ...], to: tuple[float, ...], degree: int) -> Float[np.ndarray, "n m"]:
     """Values at ``to`` of the polynomial through those at ``of``, or closest to them, by its values there."""
-    middle, half = 0.5 * (of.max() + of.min()), 0.5 * (of.max() - of.min()) or 1.0
-    V, W = (legendre.legvander((x - middle) / half, degree) for x in (of, to))
-    out: np.ndarray = W @ np.linalg.pinv(V)
+    V, W = ([[Fraction(x) ** k for k in range(degree + 1)] for x in points] for points in (of, to))
+    columns = list(zip(*V, strict=True))
+    normal = [[sum((x * y for x, y in zip(a, b, strict=True)), ZERO) for b in columns] for a in columns]
+    fitted = _solve(normal, [list(column) for column in columns])  # coefficients by values
+    return _rounded([[sum((w * row[k] for w, row in zip(powers, fitted, strict=True)), ZERO) for k in range(len(of))]
+                     for powers in W])  # fmt: skip
+
+
+Exact = list[list[Fraction]]
+ZERO = Fraction(0)
+
+
+def _rounded(rows: Exact) -> np.ndarray:
+    out = np.array([[float(x) for x in row] for row in rows])
+    out.flags.writeable = False
     return out
+
+
+def _unit(n: int) -> Exact:
+    return [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
+
+
+def _solve(A: Exact, B: Exact) -> Exact:
+    """Return A^-1 B by elimination; in fractions any pivot but 0 will do."""
+    n = len(A)
+    rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
+    for k in range(n):
+        pivot = next(i for i in range(k, n) if rows[i][k])
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        rows[k] = [x / rows[k][k] for x in rows[k]]
+        for i in range(n):
+            if i != k and rows[i][k]:
+                rows[i] = [x - rows[i][k] * y for x, y in zip(rows[i], rows[k], strict=True)]
+    return [row[n:] for row in rows]
+
+
+def _legendre(s: int) -> list[list[Fraction]]:
+    """Return coefficients of the polynomials of Legendre up to degree s, lowest power first."""
+    P = [[Fraction(1)], [ZERO, Fraction(1)]]
+    for k in range(1, s):
+        up, low = [ZERO, *P[k]], [*P[k - 1], ZERO, ZERO]
+        P.append([((2 * k + 1) * x - k * y) / (k + 1) for x, y in zip(up, low, strict=True)])
+    return P
+
+
+def _value(p: Sequence[Fraction], x: Fraction) -> Fraction:
+    out = ZERO
+    for a in reversed(p):
+        out = out * x + a
+    return out
+
+
+def _derivative(p: Sequence[Fraction]) -> list[Fraction]:
+    return [k * a for k, a in enumerate(p)][1:]
+
+
+def _integral(p: Sequence[Fraction]) -> list[Fraction]:
+    """Return the integral from -1."""
+    rest = [ZERO, *(a / (k + 1) for k, a in enumerate(p))]
+    return [-_value(rest, Fraction(-1)), *rest[1:]]
+
+
+def _roots(p: Sequence[Fraction]) -> list[Fraction]:
+    """Return the roots in (-1, 1), all simple and real, ascending, by Newton's method and Maehly's deflation."""
+    slope, found = _derivative(p), list[Fraction]()
+    for _ in range(len(p) - 1):
+        x, step = Fraction(1), Fraction(1)
+        while abs(step) > Fraction(1, 2**BITS):
+            f = _value(p, x)
+            step = f / (_value(slope, x) - f * sum((1 / (x - z) for z in found), ZERO))
+            x = Fraction(math.floor((x - step) * 2 ** (BITS + 8) + Fraction(1, 2)), 2 ** (BITS + 8))
+        found.append(x)
+    return found[::-1]

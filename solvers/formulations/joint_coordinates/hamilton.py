@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ....harness.code_meter import making_code
 from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code
@@ -52,6 +53,7 @@ class HamiltonCode(NamedTuple):
     operations: int  # of ``stage``
 
 
+@making_code
 def make_hamilton_code(
     system: MultibodySystem, tree: Tree, at: np.ndarray | None = None, *, radial: bool = False
 ) -> HamiltonCode:

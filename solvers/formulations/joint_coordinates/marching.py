@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.clock import cpu_seconds
+from ....harness.code_meter import Stopwatch, making_code, settle
 from ....harness.mechanics.state import State
 from ....harness.types import Problem, Status, StepControl, Trajectory
 from ..compiled import host as kernel
@@ -279,7 +279,7 @@ class Relay:
 
     def __init__(self, problem: Problem, code: Marcher) -> None:
         self.state, self.kernel, self.reaction = code.state, code.kernel, code.reaction
-        self.set_up, self.changes, self._notes = 0.0, list[float](), list[str]()
+        self.changes, self._notes = list[float](), list[str]()
         self._problem, self._runner, self._points = problem, code, list[Point]([None])
         self._fallback: kernel.Marcher | None = None
 
@@ -296,12 +296,12 @@ class Relay:
             return record._replace(lam=record.lam[:, self._fallback.kernel.order])
         record = self._runner.stretch(n)
         if self.state["outcome"] == STUCK:
-            began = cpu_seconds()
             record = Record(*(a.copy() for a in record))  # its room may be used again
-            if not self._choose_pivots():
-                self.state["outcome"] = STUCK  # whatever was tried
-                self._go_on_without()
-            self.set_up += cpu_seconds() - began
+            with making_code:
+                if not self._choose_pivots():
+                    self.state["outcome"] = STUCK  # whatever was tried
+                    self._go_on_without()
+            settle()
         return record
 
     def _choose_pivots(self) -> bool:
@@ -355,7 +355,7 @@ def refusal(problem: Problem) -> str | None:
 
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
     """March to the end or to a failure, which is a status."""
-    began = cpu_seconds()
+    watch = Stopwatch()
     state = new_control(
         t_end=problem.t_end, adaptive=True, order=METHOD.order, last_error=1e-4, rtol=control.rtol or 0.0,
         max_step=control.max_step or np.inf, next_step=min(FIRST_STEP, problem.t_end),
@@ -365,11 +365,8 @@ def integrate(problem: Problem, control: StepControl) -> Trajectory:
     except ValueError as error:
         return no_trajectory(problem, Status.REFUSED, str(error))
     relay = Relay(problem, marcher)
-    out = _march(problem, control, METHOD, relay, cpu_seconds() - began)
+    out = _march(problem, control, METHOD, relay, watch)
     notes = [f"code of {marcher.code.operations} operations an evaluation"]
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
-    return dataclasses.replace(
-        out, notes=(*notes, *relay.notes), cpu_time=out.cpu_time - relay.set_up,
-        setup_time=out.setup_time + relay.set_up,
-    )  # fmt: skip
+    return dataclasses.replace(out, notes=(*notes, *relay.notes))

@@ -17,6 +17,7 @@ where h w is of order one. What hangs on the body is left out: how much that is 
 while what is added has to stay the same over a run.
 """
 
+import math
 from typing import NamedTuple
 
 import casadi as ca
@@ -28,6 +29,8 @@ from ....harness.mechanics.forces import DECLARED
 from ....harness.mechanics.system import MultibodySystem
 from .motion import Motion
 from .tree import NOISE, Limb, Tree, snap
+
+SWEEPS = 8  # of Jacobi's rotations over a matrix of three rows: converged to rounding after five
 
 
 class Spin(NamedTuple):
@@ -76,7 +79,7 @@ def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
         arms = _held_by_balls(system, limb.body)
         if not limb.ball or arms is None or limb.body in pushed:
             continue
-        J, axes = np.linalg.eigh(system.regular_inertia[limb.body])
+        J, axes = principal_axes(system.regular_inertia[limb.body])
         off_axis = float(np.max(np.linalg.norm(np.cross(axes[:, 0], arms), axis=1), initial=0.0))
         added = 0.5 * (J[1] + J[2]) + system.mass[limb.body] * dot(limb.centre, limb.centre) - J[0]
         is_round = J[2] - J[1] <= NOISE * J[2] and off_axis <= NOISE * float(np.max(np.abs(arms), initial=0.0))
@@ -91,3 +94,23 @@ def _held_by_balls(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3
     if any(system.joint_kind(int(k)) != "spherical" for of, _ in ends for k in np.flatnonzero(of == body)):
         return None
     return np.concatenate([arms[of == body] for of, arms in ends])
+
+
+def principal_axes(inertia: Float[np.ndarray, "3 3"]) -> tuple[list[float], Float[np.ndarray, "3 3"]]:
+    """Return principal inertias, ascending, and axes by columns, by Jacobi's rotations: of the same bits everywhere."""
+    A, V = inertia.tolist(), np.eye(3).tolist()
+    for p, q in [(0, 1), (0, 2), (1, 2)] * SWEEPS:
+        if A[p][q] == 0.0:
+            continue
+        ratio = 0.5 * (A[q][q] - A[p][p]) / A[p][q]
+        t = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
+        c = 1.0 / math.sqrt(1.0 + t * t)
+        s = t * c
+        for M in (A, V):
+            for row in M:
+                row[p], row[q] = c * row[p] - s * row[q], s * row[p] + c * row[q]
+        A[p], A[q] = ([c * x - s * y for x, y in zip(A[p], A[q], strict=True)],
+                      [s * x + c * y for x, y in zip(A[p], A[q], strict=True)])  # fmt: skip
+        A[p][q] = A[q][p] = 0.0
+    order = sorted(range(3), key=lambda k: A[k][k])
+    return [A[k][k] for k in order], np.array(V)[:, order]

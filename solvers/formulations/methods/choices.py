@@ -76,7 +76,7 @@ TOLD = (
     "penalty",
     "log_determinant",
 )  # of each step
-HUGE = 1e6  # [sqrt(J)] root of the energy of which the default tolerance is 45 roundings; a residual has a few
+ROUNDINGS = 1e-14  # of the root of the energy, 45 of them: a residual has a few, and no smaller tolerance is met
 GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumulating"}
 
 
@@ -179,7 +179,7 @@ class GaugeChoices:
     def of_energy(tolerance: float, problem: Problem) -> float:
         """``tolerance`` [sqrt(J)] for what the system moves with: the joule is no scale for a milligram."""
         root = float(np.sqrt(energy_at_hand(problem)))
-        return tolerance * root / min(max(root, 1.0), HUGE)
+        return max(tolerance * min(root, 1.0), ROUNDINGS * root)
 
     def notes(self, problem: Problem) -> tuple[str, ...]:
         """Options that have no effect on the problem."""

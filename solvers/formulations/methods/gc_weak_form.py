@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.code_meter import making_code, settle
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.algebra import close_rotations
@@ -79,7 +80,9 @@ class Relieved:
     def _marcher(self) -> Marcher:
         """The full method's, made when it is needed."""
         if self._other is None:
-            self._other = Marcher(self._problem, self._full, self.state)
+            with making_code:
+                self._other = Marcher(self._problem, self._full, self.state)
+            settle()
         return self._other
 
     def explain(self, outcome: int) -> str:

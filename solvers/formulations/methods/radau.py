@@ -22,10 +22,11 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Problem
 from ..compiled.algebra import clear, copy, largest, theta_dot
 from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import inner, run
-from ..compiled.host import Method
+from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
 from ..compiled.soft_rows import stack_kernels, without_springs
@@ -51,11 +52,12 @@ ARRAYS = {  # the first axis is that of the stages
 }  # fmt: skip
 
 
-def radau_steps(system: MultibodySystem, rtol: float, code: str) -> Method:
+def radau_steps(problem: Problem, rtol: float, code: str) -> Method:
     """The method; its iteration ends at 1e-10, or a thousandth of ``rtol`` if that is less: constraints hold."""
-    of_system = partial(prepare, system=system, tolerance=max(1e-13, min(1e-10, 1e-3 * rtol)), code=code)
+    tolerance, notes = tolerance_of(max(1e-13, min(1e-10, 1e-3 * rtol)), problem)
+    of_system = partial(prepare, system=problem.system, tolerance=tolerance, code=code)
     counters = ("rejected", "iterations", "factorisations")
-    notes = ("code of the mechanism",) if code == "mechanism" else ()
+    notes += ("code of the mechanism",) if code == "mechanism" else ()
     return Method(of_system, step, finish, start, order=4.0, counters=counters, notes=notes)
 
 

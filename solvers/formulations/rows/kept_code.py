@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.code_meter import making_code
 from ....harness.mechanics import declaring, forces, joints
 from ..generated import Code
 from ..generated.code import print_functions
@@ -23,6 +24,7 @@ class RowCode(NamedTuple):
 
 
 @cache
+@making_code
 def row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
     """``loops.rows`` as code."""
     code = code_of("loops.rows", kind, rows, ground)
@@ -45,6 +47,7 @@ def wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
 
 
 @cache
+@making_code
 def code_of(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
     """What ``maker``, a function of a module of this folder, makes of a kind of joint or force."""
 
@@ -59,6 +62,7 @@ def code_of(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
 
 
 @cache
+@making_code
 def texts_of_makers() -> str:
     """A digest of the modules that make code of declarations, of all that the project declares, and of CasADi."""
     here = Path(__file__).resolve().parent

@@ -107,7 +107,7 @@ def test_slurm_is_given_the_right_job(tmp_path, monkeypatch):
     """No SLURM is needed to see the script: one thread, one run at a time, this checkout, this Python, our options."""
     pytest.importorskip("dask_jobqueue", reason="needs the extra 'cluster'")
     from mbsbench.harness.execution.cluster import on_slurm
-    from mbsbench.harness.results.environment import THREADS
+    from mbsbench.harness.machine import THREADS
 
     monkeypatch.setenv("PATH", "")  # no sbatch, which would ask a SLURM
     quiet = {"dashboard_address": None, "host": "127.0.0.1"}

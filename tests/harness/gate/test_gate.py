@@ -17,7 +17,6 @@ from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds, write_thresholds
 from mbsbench.harness.gate.check import judge, select_judged, tighten_bounds
 from mbsbench.harness.gate.files import junit, markdown
-from mbsbench.harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
 from mbsbench.harness.gate.thresholds import (
     ERROR_CONTROL,
     FIXED_STEP,
@@ -244,61 +243,6 @@ def test_what_update_writes_can_be_read_and_goes_the_same_way(tmp_path, lower, u
     assert read == after and (read.upper < math.inf, read.lower > -math.inf) == (upper < math.inf, lower > 0.0)
     assert loosen or (after.lower >= was.lower and after.upper <= was.upper)
     assert after.holds(value) or not (loosen or was.holds(value))
-
-
-CONTROLLED = RunSpec("free_fall", "exact", StepControl(rtol=1e-8))
-
-
-def samples_of(*values: float, **change) -> dict[str, list[RunRecord]]:
-    """Runs of one case under error control, each with its energy drift [J] and a name of its own."""
-    base = RunRecord(status="success", control="rtol", energy_scale_J=1.0, **change)
-    return {CASE: [dataclasses.replace(base, case=f"{CASE} {k}", energy_drift_max_J=v) for k, v in enumerate(values)]}
-
-
-def test_bounds_lie_around_what_rounding_gives():
-    """2.5 times the largest, the smallest by 2.5, about the median; one run does not narrow them, a worse one fails."""
-    old = Thresholds("t", (threshold(CASE, metric="energy_drift_max_J", value=1e-5, upper=2.5e-5, lower=4e-6),))
-    new = widen_by_spread(old, samples_of(1e-5, 4e-5, 2e-5))
-    (bound,) = new.bounds
-    assert (bound.value, bound.samples) == (2e-5, 3) and "1e-05 to 4e-05" in bound.reason
-    assert (bound.lower, bound.upper) == pytest.approx((4e-6, 1e-4))
-    (narrow,) = (b for b in propose_bounds(samples_of(1e-6)[CASE]) if b.metric == bound.metric)
-    assert tighten_bounds(new, [], [replace(narrow, case=CASE)], loosen=False) == new
-    assert tighten_bounds(new, [], [replace(narrow, case=CASE)], loosen=True).bounds == (replace(narrow, case=CASE),)
-
-
-def test_bounds_lie_around_samples_far_apart_though_all_are_within():
-    """The one that was measured when the bound was set may have been at the edge; bounds around many are let be."""
-    old = Thresholds("t", (threshold(CASE, metric="energy_drift_max_J", value=1e-5, upper=2.5e-5, lower=4e-6),))
-    new = widen_by_spread(old, samples_of(5e-6, 1e-5, 2e-5))
-    assert (new.bounds[0].lower, new.bounds[0].upper) == pytest.approx((2e-6, 5e-5))
-    assert widen_by_spread(new, samples_of(6e-6, 1e-5, 3e-5)) == new
-
-
-@pytest.mark.parametrize("given", [(1e-5, 2e-5), (1e-3, 2e-3), (1e-7, 1.1e-7)])
-def test_a_change_that_rounding_does_not_explain_stays_a_breach(given):
-    """All within the bounds, or all far beside the old value: nothing is widened; nor by a repeat that failed."""
-    old = Thresholds("t", (threshold(CASE, metric="energy_drift_max_J", value=1e-5, upper=2.5e-5, lower=4e-6),))
-    assert widen_by_spread(old, samples_of(*given)) == old
-    failed = samples_of(1e-5, 4e-5, 2e-5)
-    failed[CASE][1] = dataclasses.replace(failed[CASE][1], status="wrong")
-    assert widen_by_spread(old, failed) == old
-
-
-def test_only_runs_that_rounding_can_move_are_repeated():
-    """Under error control, and moved; each repeat has another tolerance, all within 1e-10 of it."""
-    specs = (*RUNS, CONTROLLED)
-    bounds = Thresholds("t", tuple(threshold(s.case) for s in specs))
-    records = [
-        RunRecord(run_id=s.settings_id, settings_id=s.settings_id, case=s.case, status="success", phi_max=1.3)
-        for s in specs
-    ]
-    assert runs_to_repeat(specs, judge(specs, records, bounds)) == [CONTROLLED]
-    still = [dataclasses.replace(r, phi_max=1.001) for r in records]
-    assert runs_to_repeat(specs, judge(specs, still, bounds)) == []
-    repeats = perturb_tolerance(CONTROLLED, 6)
-    assert len({r.settings_id for r in (CONTROLLED, *repeats)}) == 7
-    assert all(0.0 < abs(r.control.rtol / 1e-8 - 1.0) < 1e-10 for r in repeats)
 
 
 def test_any_words_come_back_as_written(tmp_path):

@@ -82,6 +82,17 @@ def test_a_process_ended_by_clock_or_memory_is_ended_by_the_machine(killed, limi
     assert by_machine(record) and classify_ending(record) is Ending.MACHINE
 
 
+@pytest.mark.parametrize(("killed", "code"), [(True, -signal.SIGKILL), (False, -signal.SIGXCPU)])
+def test_compilation_that_takes_too_long_is_said_to_be_that(killed, code):
+    """Whoever ends it, its parent or the system: it is the machine's doing, and no time of the solver's."""
+    job = Job(runs_of('[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"')[0], Path("nowhere"))
+    ended = Ended(code, killed, "", 0.0, cpu=603.0, over="code", code_s=601.0)
+    record = record_unfinished(job, ended, 700.0, EndedBy.WALL_LIMIT, 620.0)
+    assert (record.ended_by, record.status, record.code_s) == (EndedBy.CODE_LIMIT, "unfinished", 601.0)
+    assert "compilation took over 600 s of CPU time" in words_of_ending(record)
+    assert by_machine(record) and classify_ending(record) is Ending.MACHINE
+
+
 @pytest.mark.parametrize("by", [EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST])
 def test_a_lost_parent_is_the_machines_doing(by):
     record = bare(status="crashed", ended_by=str(by), t_reached_s=4.0, steps=50)

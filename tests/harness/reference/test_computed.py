@@ -106,7 +106,7 @@ def test_a_nearly_massless_axis_has_the_motion_of_the_formula(light: float, tilt
     """A spinning rod on a ball joint, whatever frame its data are in: Lagrange's top, by theta functions."""
     Q, arm, R, Omega = so3.exp(np.array(tilt)), np.array([0, 0, 0.3]), so3.exp(np.array([0.3, 1.2, 0])), (1.5, 2.0, 0.7)
 
-    def rod(Q: np.ndarray) -> Problem:
+    def rod(Q: np.ndarray, light: float = light) -> Problem:
         inertia = Q @ np.diag([0.02, 0.02, 0.02 * light]) @ Q.T
         joint = Joint(0, -Q @ arm, GROUND, (0.0, 0.0, 0.0))
         system = assemble([RigidBody(1.0, 0.5 * (inertia + inertia.T))], [joint], (0.0, 0.0, -9.81))
@@ -114,8 +114,9 @@ def test_a_nearly_massless_axis_has_the_motion_of_the_formula(light: float, tilt
         return problem("rod", system, State((R @ arm)[None], (R @ Q.T)[None], v[None], (Q @ Omega)[None]), 1.0)
 
     exact = one_body_motion(rod(np.eye(3)).system, rod(np.eye(3)).initial)
-    found = compute_reference(rod(Q))
-    assert exact is not None and found is not None and found.horizon == 1.0 and len(found.orbit.y) < 100
+    found, even = compute_reference(rod(Q)), compute_reference(rod(Q, 1.0))
+    assert exact is not None and found is not None and even is not None and found.horizon == 1.0
+    assert len(found.orbit.y) < 2 * len(even.orbit.y)  # rounding about the rod may have steps halved, once
     t = np.linspace(0.0, 1.0, 51)
     one, other = found.states(t), exact.states(t)
     assert np.max(np.abs(one.r - other.r)) < found.error(t)[-1] < 1e-10

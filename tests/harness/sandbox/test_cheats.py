@@ -15,7 +15,7 @@ problem = "free_fall"
 solver = "cheats"
 repeats = 2
 options = { where = ["call", "refuses", "daemon", "daemon_in_refuses", "child", "disowned", "clocks", "half", "set_up",
-                     "first", "file"] }
+                     "first", "file", "block", "numba_event", "compiler"] }
 """
 AT_IMPORT = (
     "from mbsbench.tests.harness.cheating import Exact, work\nfrom mbsbench.harness.catalogue.registry import solver\n"
@@ -47,6 +47,22 @@ def test_work_before_the_call_and_set_up_are_shown_beside_it(records, where):
     r = records[where]
     assert r.setup_s > TICKS * WORK
     assert (r.cpu_refuses_s > TICKS * WORK) is (where != "set_up")
+
+
+@pytest.mark.parametrize("where", ["block", "numba_event"])
+def test_work_that_is_said_to_be_compilation_is_shown_beside_the_cost(records, where):
+    """A plugin that opens the meter itself, or says that numba compiles, hides nothing: it may call it set-up, too."""
+    r = records[where]
+    assert r.code_s > TICKS * WORK and r.setup_s > TICKS * WORK and r.cpu_process_s > TICKS * WORK
+    assert r.cpu_call_s < WORK
+
+
+def test_what_a_plugin_compiles_is_set_up_and_what_it_computes_is_its_cost(records):
+    """Numba's own events tell them apart, in each repeat; the plugin knows nothing of that."""
+    r = records["compiler"]
+    assert r.code_s > 0.1 and r.setup_s >= r.code_s and r.repeats == 2
+    assert TICKS * WORK < r.cpu_min_s <= r.cpu_call_s < WORK + 0.1
+    assert records["call"].code_s == 0.0
 
 
 def test_what_a_later_repeat_need_not_do_counts(records):

@@ -113,7 +113,7 @@ def status(monkeypatch, tmp_path):
         try:
             p = registry.make_problem("free_fall")
             motion = check_trajectory(make_motion(), Exact(), p)
-            split_cost(motion, 1.0, 1.0, Exact())
+            split_cost(motion, 1.0, 0.0, 1.0, Exact())
             handover.write(job.handover, handover.Handover(handover.SolverReport(claimed=Status.SUCCESS), motion))
             motion = handover.read(job.handover, p.system).trajectory
             return measuring.judge_motion(job, p, motion)[0].status
@@ -156,5 +156,16 @@ def test_a_solver_that_says_it_is_ours_pays_for_its_whole_call():
     """``__module__`` and the name in the catalogue are the plugin's to choose; what the catalogue made is not."""
     motion = dataclasses.replace(falls([0.0] * 3, free_fall()), cpu_time=0.6, setup_time=0.0)
     forged = type("Forged", (Exact,), {"__module__": "mbsbench.solvers.rattle", "__mbsbench_name__": "rattle"})
-    assert split_cost(motion, 1.0, 1.0, forged()) == (1.0, 0.0)
-    assert split_cost(motion, 1.0, 1.0, registry.make_solver("rattle")) == (0.6, 0.4)
+    assert split_cost(motion, 1.0, 0.0, 1.0, forged()) == (1.0, 0.0, 0.0)
+    assert split_cost(motion, 1.0, 0.0, 1.0, registry.make_solver("rattle")) == (0.6, 0.4, 0.0)
+
+
+def test_what_is_compiled_is_left_out_once():
+    """Whether a plugin's own set-up holds it or not; the cost of a call is that of all but code."""
+    plugin = Exact()
+    for set_up, cost in ((math.nan, 4.0), (1.0, 4.0), (7.0, 3.0)):  # of 10 s, 6 of which made code
+        motion = dataclasses.replace(falls([0.0] * 3, free_fall()), cpu_time=math.nan, setup_time=set_up)
+        found = split_cost(motion, 10.0, 6.0, 10.0, plugin)
+        assert found == (cost, 10.0 - cost, 6.0) and found.call == 4.0
+    motion = dataclasses.replace(falls([0.0] * 3, free_fall()), cpu_time=5.0, setup_time=6.0)
+    assert split_cost(motion, 10.0, 6.0, 10.0, registry.make_solver("rattle")) == (4.0, 6.0, 6.0)

@@ -1,0 +1,85 @@
+"""Carry published results over to the present code: ``python docs/carry_over.py PARENT`` (a commit); say what differs.
+
+A change of names, types or places changes every digest and no number. This makes suite ``ci`` whole, and a hundred runs
+of suite ``referee`` drawn by the hash of PARENT with one more of each problem and solver that were not drawn, by the
+code of PARENT and by the present one, under the same pinned arithmetic. Solvers of which all statuses and all measured
+numbers are equal bit for bit are noted with the digests of both in ``results/published/carried.json``: what was
+published of the one is published of the other. The others are named: what is published of them is to be made anew.
+Costs are no part of it: they are those of the code that was timed.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from mbsbench.harness import machine
+from mbsbench.harness.files import to_json
+from mbsbench.harness.referee.carried import FILE, Generation, carry, present, read_carried
+from mbsbench.harness.results.comparison import compare, is_repeatable
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.store import load, newest
+
+
+def main(parent: str) -> int:
+    """Return 0 if something is carried over, and the file is written, else 1."""
+    commit = _git("rev-parse", "--verify", f"{parent}^{{commit}}")
+    with tempfile.TemporaryDirectory() as place:
+        before = Path(place) / "before"
+        package = before / "mbsbench"
+        package.mkdir(parents=True)
+        subprocess.run(f"git archive {commit} | tar -x -C {package}", shell=True, cwd=ROOT, check=True)
+        there = Path(place) / "after"
+        there.mkdir()
+        (there / "mbsbench").symlink_to(ROOT)
+        digests = [_make_runs(tree, Path(place) / f"{tree.name}-runs", commit) for tree in (before, there)]
+        found = [[r for r in newest(load(Path(place) / f"{tree.name}-runs").records) if is_repeatable(r)]
+                 for tree in (before, there)]  # fmt: skip
+        comparison = compare(*found)
+    cases = {c.case for c in comparison.changes} | {*comparison.only_before, *comparison.only_after}
+    differing = sorted({r.solver for r in (*found[0], *found[1]) if r.case in cases})
+    for case in sorted(cases):
+        first = next((c for c in comparison.changes if c.case == case), None)
+        _say(f"differs: {case}{f': {first.metric} {first.before} -> {first.after}' if first else ''}")
+    equal = [r for r in found[1] if r.solver not in differing]
+    if not equal:
+        _say(f"nothing is carried over from {commit[:8]}")
+        return 1
+    judged = [d.pop("verdicts") for d in digests]
+    unlike = sorted(k for k in {*judged[0], *judged[1]} if judged[0].get(k) != judged[1].get(k))
+    if unlike:
+        _say(f"verdicts on these runs differ, so rules of judging are not carried over: {', '.join(unlike)}")
+        digests[0]["judging"] = ""
+    shown = f"{len(equal)} runs of suites ci and referee, bit for bit, and the verdicts on them"
+    solvers, problems = {r.solver for r in equal}, {r.problem for r in equal}
+    old = Generation(**digests[0], commit=commit, shown=shown)
+    FILE.write(to_json(carry(old, present(), read_carried(), solvers, problems)) + "\n")
+    _say(f"carried over from {commit[:8]}: {shown}")
+    if differing:
+        _say(f"not carried over, {len(cases)} runs differ: {', '.join(differing)}")
+    return 0
+
+
+def _make_runs(tree: Path, folder: Path, seed: str) -> dict[str, Any]:
+    """Make the runs with the package in ``tree``, in processes of their own; its digests."""
+    _say(f"runs by the code {tree.name} the change")
+    env = {**os.environ, **machine.THREADS, **machine.variables(), "PYTHONPATH": str(tree)}
+    call = (sys.executable, str(Path(__file__).with_name("carry_over_runs.py")), str(folder), seed)
+    done = subprocess.run(call, cwd=tree, env=env, stdout=subprocess.PIPE, check=True, text=True)
+    digests: dict[str, Any] = json.loads(done.stdout)
+    return digests
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(("git", *words), cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def _say(words: str) -> None:
+    sys.stderr.write(f"{words}\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]) if len(sys.argv) == 2 else "usage: python docs/carry_over.py PARENT")

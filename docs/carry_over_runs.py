@@ -1,0 +1,41 @@
+"""The runs by which ``carry_over.py`` compares two states of the code: ``python carry_over_runs.py FOLDER SEED``.
+
+A file of its own: it runs with the package of either state, and imports nothing that one of them may lack.
+"""
+
+import json
+import os
+import random
+import sys
+from pathlib import Path
+from unittest.mock import MagicMock  # a watcher that says nothing
+
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.referee.claims.register import read_register
+from mbsbench.harness.referee.currency import JUDGING
+from mbsbench.harness.referee.judge import judge_results
+from mbsbench.harness.results import codes
+from mbsbench.harness.suites.suite import Suite, load_suite
+
+DRAWN = 100
+
+
+def main(folder: Path, seed: str) -> None:
+    """Make suite ``ci`` and a hundred runs of ``referee``; print the digests of the code and the verdicts on claims."""
+    known = sorted(load_suite("referee").specs, key=lambda s: s.settings_id)
+    random.Random(seed).shuffle(known)
+    drawn = [*load_suite("ci").specs, *known[:DRAWN]]
+    for name in ("problem", "solver"):  # one of each: else it could not be carried over
+        met = {getattr(s, name) for s in drawn}
+        drawn += {getattr(s, name): s for s in known if getattr(s, name) not in met}.values()
+    suite = Suite("carried", "runs by two states of the code", tuple({s.settings_id: s for s in drawn}.values()), "")
+    run_suite(Request(suite, folder, os.cpu_count() or 1), MagicMock())
+    here = codes.package_sources()
+    digests = {"solvers": here.solvers, "problems": here.problems, "measuring": here.measuring}
+    claims = judge_results(folder, read_register())["claims"]
+    verdicts = {c.id: [c.verdicts, *([f.holds, f.settings, f.rows] for f in c.findings)] for c in claims}
+    sys.stdout.write(json.dumps({**digests, "judging": here.of(*JUDGING), "verdicts": verdicts}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2])

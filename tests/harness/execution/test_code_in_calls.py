@@ -1,0 +1,91 @@
+"""On empty caches, what a call of a solver makes or loads is metered, and is in none of its times.
+
+What is made is told by the compilers themselves (LLVM for all machine code, CasADi for expressions) and by Python for
+what it imports, not by the meter that is tested.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mbsbench import solvers
+
+CLOCK = 0.03  # [s] by which sums of clock readings of a call may differ: refuses, call and checks are read apart
+MODULE = "mbsbench.tests.harness.execution.cold_calls"
+OURS = sorted(path.stem for path in Path(solvers.__file__).parent.glob("[!_]*.py"))  # not engines
+SECOND_ROUTES = (
+    "gc_weak_form:chain:1:0.01",  # steps that the simplified method does not solve: the full one takes over
+    "gauss_joint:heavy_top:1!", "dop853_joint:spherical_pendulum:0.1!",  # other pivots
+)  # fmt: skip
+
+
+def calls_in_cold_process(folder, *chosen):
+    """The calls of a process that keeps its code in the empty ``folder``."""
+    done = subprocess.run(
+        (sys.executable, "-m", MODULE, *chosen), env={**os.environ, "MBSBENCH_CACHE": str(folder)}, text=True,
+        stdout=subprocess.PIPE, check=True,
+    )  # fmt: skip
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def check_call(call):
+    """Nothing is made in the open; times are those of all else."""
+    words = f"{call['solver']} on {call['problem']} {call['options']}"
+    assert not call["unmetered"], f"{words}: {call['unmetered']}"
+    assert call["status"] != "stalled", f"{words}: code counts towards the limit on CPU time"
+    if call["status"] == "refused":
+        return
+    cost = call["cost"]
+    assert cost["code_s"] == pytest.approx(call["made"], abs=CLOCK), words
+    assert cost["setup_s"] >= cost["code_s"], words
+    assert cost["cpu_min_s"] <= cost["cpu_call_s"] <= call["spent"] - call["made"] + CLOCK, words
+    assert call["own"] <= cost["cpu_call_s"] + CLOCK, f"{words}: the solver's own clock counts code"
+    assert cost["cpu_refuses_s"] <= call["spent"] - call["made"] + CLOCK, words
+
+
+@pytest.fixture(scope="module")
+def calls(tmp_path_factory):
+    """Of each solver on the top, with all options of the suites, and of second routes."""
+    chosen = [f"{name}:heavy_top" for name in OURS if name != "scipy_strong_form"] + ["scipy_strong_form"]
+    return calls_in_cold_process(tmp_path_factory.mktemp("cold"), *chosen, *SECOND_ROUTES)
+
+
+@pytest.mark.parametrize("solver", OURS)
+def test_no_code_is_made_in_the_time_of_a_solver(calls, solver):
+    """Of every solver, with every option of the suites."""
+    own = [call for call in calls if call["solver"] == solver]
+    assert own and any(call["status"] == "success" for call in own)
+    for call in own:
+        check_call(call)
+
+
+def test_second_routes_make_code_on_the_way(calls):
+    """A full Newton method behind the simplified one, code at other pivots: metered where they are entered."""
+    of_routes = [call for call in calls if call["t_end"]]
+    notes = [note for call in of_routes for note in call["notes"] if "pivots chosen anew" in note]
+    assert {call["solver"] for call in of_routes} == {"gc_weak_form", "gauss_joint", "dop853_joint"}
+    assert len(notes) == 2 and any(call["marchers"] > 1 for call in of_routes)
+    for call in of_routes:
+        check_call(call)
+
+
+def test_the_process_was_cold(calls):
+    """All was made here, in plain sight of LLVM and CasADi, and its time is the far larger part."""
+    made = sum(call["made"] for call in calls)
+    assert made > 50.0 * sum(call["cost"].get("cpu_min_s", 0.0) for call in calls)
+    seen = {name for call in calls for name in call["metered"]}
+    assert {"TargetMachine.emit_object", "ExecutionEngine.finalize_object", "Function.__init__", "SX.sym"} <= seen
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", OURS)
+def test_no_code_is_made_in_the_time_of_a_solver_on_any_problem(tmp_path, solver):
+    """On every problem of the suites, in a process that has made nothing for others."""
+    found = calls_in_cold_process(tmp_path, solver)
+    assert found
+    for call in found:
+        check_call(call)

@@ -1,0 +1,78 @@
+"""Published results stay those of later code with the same bits, and of no other."""
+
+import pytest
+from msgspec.structs import replace
+
+from mbsbench.harness.files import FileError, to_json
+from mbsbench.harness.referee import carried
+from mbsbench.harness.referee.carried import Generation, bring_forward, carry, is_of_this_code, present, read_carried
+from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.judgements.claims import Code
+
+FIRST = Generation({"rattle": "r1"}, {"chain": "c1"}, "m1", "j1", "commit 1")
+ALL = {"rattle"}, {"chain"}
+SECOND = Generation({"rattle": "r2"}, {"chain": "c1"}, "m1", "", "commit 2")
+
+
+@pytest.fixture
+def published(tmp_path, monkeypatch):
+    """Two generations before the present code, in a file of its own."""
+    path = tmp_path / "carried.json"
+    path.write_text(to_json(carry(SECOND, present(), carry(FIRST, SECOND, None, *ALL), *ALL)))
+    monkeypatch.setattr(carried, "read_carried", lambda: read_carried(path))
+    carried.list_equal.cache_clear()
+    yield path
+    carried.list_equal.cache_clear()
+
+
+def test_the_present_code_is_its_own():
+    assert is_of_this_code("chain", "rattle", code_of("chain", "rattle"))
+    assert present().code_of("chain", "rattle") == code_of("chain", "rattle")
+
+
+def test_what_was_published_of_any_earlier_generation_counts(published):
+    """Verdicts of the first generation and a picture of the second are both true of the present code."""
+    here = present()
+    for old in (FIRST, SECOND):
+        assert is_of_this_code("chain", "rattle", old.code_of("chain", "rattle"))
+        code = bring_forward(Code(old.solvers, old.problems, old.measuring, "j1", "runs"))
+        judging = here.judging if old is FIRST else "j1"  # of the second nobody compared verdicts
+        assert code == Code({"rattle": here.solvers["rattle"]}, {"chain": here.problems["chain"]}, here.measuring,
+                            judging, "runs")  # fmt: skip
+
+
+def test_other_code_is_not_carried(published):
+    """A digest that no run has shown to be equal stays what it is, one part of it too."""
+    other = Code({"rattle": "r1"}, {"chain": "c9"}, "m1", "judging", "runs")
+    assert bring_forward(other) == other and not is_of_this_code("chain", "rattle", "elsewhere")
+
+
+def test_a_change_after_the_last_carry_ends_it(published):
+    """The file speaks of the code that was run, not of what came after."""
+    known = read_carried(published)
+    published.write_text(to_json(replace(known, now=replace(known.now, measuring="changed"))))
+    carried.list_equal.cache_clear()
+    assert carried.list_equal() == (present(),)
+    assert not is_of_this_code("chain", "rattle", FIRST.code_of("chain", "rattle"))
+
+
+def test_a_chain_begins_anew_where_a_link_is_missing():
+    """What was carried to code that nobody compared with this parent says nothing about it."""
+    assert carry(SECOND, present(), carry(FIRST, SECOND, None, *ALL), *ALL).before == (FIRST, SECOND)
+    assert carry(SECOND, present(), carry(FIRST, FIRST, None, *ALL), *ALL).before == (SECOND,)
+
+
+def test_a_solver_whose_runs_differ_is_left_out_of_all_generations():
+    """Its published results are older than its code, whatever was shown of it before."""
+    found = carry(SECOND, present(), carry(FIRST, SECOND, None, *ALL), {"other"}, {"chain"})
+    assert all(not g.solvers and g.problems for g in found.before)
+    assert not any(g.includes(Code({"rattle": "r1"}, {}, "m1", "", "")) for g in found.before)
+    assert not any(g.code_of("chain", "rattle") for g in found.before)
+
+
+def test_a_damaged_file_is_named(tmp_path):
+    path = tmp_path / "carried.json"
+    path.write_text('{"now": 1}')
+    with pytest.raises(FileError, match=r"carried\.json"):
+        read_carried(path)
+    assert read_carried(tmp_path / "none.json") is None

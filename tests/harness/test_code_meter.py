@@ -1,0 +1,186 @@
+"""The meter of code counts what is made, once, where it is made; the clock of solvers stands still meanwhile."""
+
+import contextlib
+import math
+import resource
+import signal
+import threading
+import time
+
+import pytest
+
+from mbsbench.harness import code_meter
+from mbsbench.harness.code_meter import (
+    CodePage,
+    Stopwatch,
+    code_seconds,
+    is_making_code,
+    listen_to_numba,
+    making_code,
+    page_for_child,
+)
+from mbsbench.harness.sandbox.apart import Apart
+
+WORK = 0.2  # [s] of CPU
+FINE = 0.02  # [s]: a tenth of it, on a machine that does other work
+
+
+def work(seconds: float = WORK) -> None:
+    """Use that much CPU time in this thread."""
+    until = time.thread_time() + seconds
+    while time.thread_time() < until:
+        pass
+
+
+@contextlib.contextmanager
+def block():
+    """``making_code``, which tests may not use."""
+    code_meter._open()
+    try:
+        yield
+    finally:
+        code_meter._close()
+
+
+def test_the_clock_of_solvers_stands_still_while_code_is_made():
+    """Nested blocks count once; what is done outside counts for the solver alone."""
+    watch = Stopwatch()
+    work()
+    with block(), block():
+        work()
+        inside = watch.code
+        assert is_making_code() and watch.solver == pytest.approx(WORK, abs=FINE)
+    assert not is_making_code() and inside == pytest.approx(WORK, abs=FINE)
+    assert watch.code == pytest.approx(WORK, abs=FINE) and watch.solver == pytest.approx(WORK, abs=FINE)
+
+
+def test_a_block_that_raises_is_closed():
+    """Otherwise all that follows would be code."""
+    with pytest.raises(ZeroDivisionError), block():
+        _ = 1 / 0
+    assert not is_making_code()
+
+
+def test_other_threads_work_for_the_solver():
+    """A thread that makes code hides nothing of what another one computes."""
+    watch = Stopwatch()
+    other = threading.Thread(target=work)
+    with block():
+        other.start()
+        other.join()
+    assert watch.code < FINE and watch.solver == pytest.approx(WORK, abs=FINE)
+
+
+def test_a_fork_begins_at_zero():
+    """Its CPU time does, too: what its parent has made is no part of it."""
+    with block():
+        work(0.05)
+
+    def target(send):
+        send(str(code_seconds()))
+
+    assert code_seconds() > 0.04 and float(Apart(target, limit=5.0, memory=500.0).wait().sent) == 0.0
+
+
+def test_what_numba_compiles_is_counted_without_its_author_knowing():
+    """By numba's events: also what a plugin compiles at its first call."""
+    import numba
+
+    listen_to_numba()
+
+    @numba.njit
+    def cube(x: float) -> float:
+        return x * x * x
+
+    watch = Stopwatch()
+    assert cube(3.0) == 27.0
+    assert watch.code > 10.0 * watch.solver
+    before = watch.code
+    assert cube(2.0) == 8.0 and watch.code == before
+
+
+def test_others_may_not_use_the_meter():
+    """A plugin says what its set-up takes; only the harness's own code is known to make code."""
+    space = {"__name__": "myplugin", "making_code": making_code}
+    with pytest.raises(RuntimeError, match="is for mbsbench itself: return setup_time instead"):
+        exec("with making_code:\n    pass", space)
+    with pytest.raises(RuntimeError, match="is for mbsbench itself"):
+        exec("@making_code\ndef work(): pass", space)
+    assert not is_making_code()
+
+
+def test_a_page_tells_what_is_made_while_it_is_made():
+    """What a process has used since it began to make code is for code; nonsense is nothing, or over every limit."""
+    page = CodePage()
+    page.tell(0, 3.0)
+    assert page.seconds(100.0) == 3.0 and not page.is_making()
+    page.tell(0, 3.0, since=4.0)
+    assert page.seconds(10.0) == 9.0 and page.is_making()
+    page.tell(1, 1.0)
+    assert page.seconds(10.0) == 10.0 and page.seconds(10.0, first=1) == 1.0
+    for nonsense in (math.nan, -1.0):
+        page.tell(1, nonsense, since=nonsense)
+        assert page.seconds(10.0, first=1) == 0.0
+    page.tell(1, math.inf)
+    assert page.seconds(10.0, first=1) == math.inf
+
+
+def test_pages_of_processes_above_one_another_are_one(monkeypatch):
+    """So that who limits a run sees what its solver makes, two processes below."""
+    page, slot = page_for_child()
+    monkeypatch.setattr(code_meter, "_process", code_meter._Process(page=page, slot=slot))
+    below, place = page_for_child()
+    assert below is page and (slot, place) == (0, 1)
+
+
+def test_neither_limit_counts_code():
+    """A second of CPU is allowed, and as much again goes into code: neither the parent nor the system ends it."""
+
+    def target(send):
+        for _ in range(2):
+            with block():
+                work(1.5)
+        work(0.3)
+        send("done")
+
+    ended = Apart(target, limit=1.0, memory=500.0, code=10.0).wait()
+    assert (ended.code, ended.sent.strip(), ended.over) == (0, "done", "")
+    assert ended.code_s == pytest.approx(3.0, abs=FINE) and ended.cpu > 3.3 - FINE
+
+
+def test_the_system_ends_a_solver_at_its_own_limit():
+    """RLIMIT_CPU moves by what was made, and no further: it holds where nobody looks."""
+
+    def target(send):
+        with block():
+            work(1.5)
+        send(str(resource.getrlimit(resource.RLIMIT_CPU)[0]))
+        signal.pause()
+
+    ended = Apart(target, limit=2.0, memory=500.0, code=100.0, wall=6.0).wait()
+    assert 4 <= int(ended.sent) <= 5  # of 2 s from its start, rounded up, and 1.5 s rounded up
+
+
+@pytest.mark.parametrize("how", ["computes", "sleeps"])
+def test_who_says_that_it_makes_code_without_end_is_ended(how):
+    """By the limit on code where it computes, by that on wall time where it does not: a false block buys no more."""
+
+    def target(send):
+        code_meter._open()
+        work(60.0) if how == "computes" else time.sleep(60.0)
+
+    began = time.monotonic()
+    ended = Apart(target, limit=0.2, memory=500.0, code=1.0, wall=math.inf if how == "computes" else 1.0).wait()
+    assert ended.killed and ended.over == {"computes": "code", "sleeps": "wall"}[how]
+    assert time.monotonic() - began < 40.0 and ended.cpu < 5.0
+
+
+def test_a_process_that_reports_nothing_has_its_limit():
+    """Without an allowance for code a block changes no limit."""
+
+    def target(send):
+        code_meter._open()
+        work(60.0)
+
+    ended = Apart(target, limit=0.3, memory=500.0).wait()
+    assert ended.code != 0 and ended.code_s == 0.0 and ended.cpu < 5.0

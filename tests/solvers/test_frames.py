@@ -1,0 +1,139 @@
+"""The status of a run is that of its method: no frame and no rounding of its start changes it.
+
+An iteration that ends near its limit, or a test that rounding decides, fails in one frame and succeeds in another.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbsbench import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.catalogue.registry import make_problem, make_solver, solvers
+from mbsbench.harness.suites.suite import load_suite
+from mbsbench.solvers.formulations.joint_coordinates import symplectic
+from mbsbench.solvers.formulations.joint_coordinates.collocation import extrapolation, gauss_lobatto
+from mbsbench.solvers.formulations.joint_coordinates.spins import principal_axes
+
+SPECS = load_suite("ci").specs
+MOVING = "spherical_pendulum[omega_z=3,t_end=5]"  # spatial and loaded: every term of the equations counts
+YAWS = 0.01 * np.arange(20)  # [rad]
+MOST_SWEEPS = 30  # half of the limit, in any step
+GATE = ["spherical_pendulum[omega_z=3,t_end=5]", "spherical_pendulum[omega_z=0.1,t_end=5]", "heavy_top", "torque_free"]
+
+
+def runs_of(solver: str, begins: str = MOVING) -> list[Any]:
+    return [c for c in SPECS if c.solver == solver and c.case.startswith(begins) and not c.options]
+
+
+def solve(spec: Any, yaw: float, t_end: float, seed: int | None = None) -> Trajectory:
+    """The run from a start turned by ``yaw`` and, with a seed, changed by rounding."""
+    problem = make_problem(spec.problem, {**spec.parameters, "yaw": float(yaw), "t_end": t_end})
+    if seed is not None:
+        problem = change_by_rounding(problem, seed)
+    return make_solver(spec.solver, spec.options).solve(problem, spec.control)
+
+
+def change_by_rounding(problem: Problem, seed: int) -> Problem:
+    """Change each number of the start by 1e-15 of itself."""
+    random, start = np.random.default_rng(seed), problem.initial
+    changed = {
+        name: getattr(start, name) * (1.0 + 1e-15 * random.standard_normal(getattr(start, name).shape))
+        for name in ("r", "R", "v", "Omega")
+    }
+    return dataclasses.replace(problem, initial=dataclasses.replace(start, **changed))
+
+
+@pytest.mark.parametrize("solver", sorted({c.solver for c in SPECS} & set(solvers())))
+def test_no_frame_and_no_rounding_changes_a_status(solver: str) -> None:
+    """Every method of the gate, at the gate's setting, over the fall and the first rise of the pendulum."""
+    (spec,) = runs_of(solver)
+    t_end = spec.parameters["t_end"] if solver == "gauss_joint" else 1.0  # of long steps, which take most sweeps
+    out = [solve(spec, yaw, t_end) for yaw in YAWS] + [solve(spec, 0.0, t_end, seed) for seed in range(5)]
+    assert {o.status for o in out} == {Status.SUCCESS}, [o.message for o in out]
+
+
+@pytest.mark.parametrize("begins", GATE)
+@pytest.mark.parametrize("solver", ["gauss_joint", "rattle_joint"])
+def test_sweeps_end_far_from_their_limit(solver: str, begins: str) -> None:
+    """40 frames at the gate's setting; the longest steps are those of Gauss on the pendulum, h = 0.1 s."""
+    (spec,) = runs_of(solver, begins)
+    frames = 0.01 * np.arange(40) if solver == "gauss_joint" else YAWS[:5]
+    out = [solve(spec, yaw, spec.parameters["t_end"]) for yaw in frames]
+    out += [solve(spec, 0.0, spec.parameters["t_end"], seed) for seed in range(5)]
+    assert {o.status for o in out} == {Status.SUCCESS}, [o.message for o in out]
+    assert max(o.counters["most_sweeps"] for o in out) <= MOST_SWEEPS < symplectic.MOST_SWEEPS
+
+
+@pytest.mark.parametrize(
+    ("solver", "name", "parameters", "dt"),
+    [
+        ("gauss_joint", "spherical_pendulum", {"omega_z": 3.0, "t_end": 2.0}, 0.05),
+        ("gauss_joint", "four_bar_grid", {"t_end": 0.4}, 0.05),
+        ("rattle_joint", "bricard", {"t_end": 0.5}, 0.05),
+    ],
+)
+def test_acceleration_leaves_the_steps(
+    solver: str, name: str, parameters: dict[str, float], dt: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Plain and accelerated sweeps solve the same equations, with and without rows: the same motion to rounding."""
+    out = []
+    for plain in (1000, 0):  # never, and at the first look
+        monkeypatch.setattr(symplectic, "PLAIN_SWEEPS", plain)
+        out.append(make_solver(solver).solve(make_problem(name, parameters), StepControl(dt=dt)))
+    sweeps, accelerated = (o.counters["newton_iterations"] for o in out)
+    assert accelerated < sweeps
+    for of in ("r", "R", "v", "Omega"):
+        a, b = (getattr(o.states, of) for o in out)
+        assert np.max(np.abs(a - b)) < 1e-11 * max(1.0, float(np.max(np.abs(a))))  # some 100 steps of 1e-13
+
+
+@pytest.mark.parametrize(
+    ("solver", "control", "size"),
+    [
+        ("radau_ggl", StepControl(rtol=1e-6), 1e7), ("gc_composed", StepControl(dt=0.01), 1e5),
+        ("gc_extrapolated", StepControl(rtol=1e-8), 1e5), ("gc_weak_form", StepControl(dt=0.01), 1e5),
+        ("rattle", StepControl(dt=0.01), 1e7), ("al_index3", StepControl(dt=0.01), 1e7),
+        ("generalized_alpha", StepControl(dt=0.01), 1e7), ("energy_momentum", StepControl(dt=0.01), 1e7),
+        ("half_explicit", StepControl(dt=0.01), 1e7), ("gauss_joint", StepControl(dt=0.05), 1e5),
+        ("rattle_joint", StepControl(dt=0.01), 1e5),
+    ],
+)  # fmt: skip
+def test_no_tolerance_of_an_iteration_is_below_rounding(solver: str, control: StepControl, size: float) -> None:
+    """The pendulum drawn larger, gravity with it, moves alike: a fixed tolerance [m, sqrt(J)] would be out of reach."""
+    scaled = {"half_length": 0.5 * size, "radius": 0.1 * size, "gravity": 9.81 * size}
+    out = make_solver(solver).solve(
+        make_problem("spherical_pendulum", {**scaled, "omega_z": 3.0, "t_end": 1.0}), control
+    )
+    assert out.status is Status.SUCCESS, out.message
+
+
+@pytest.mark.parametrize(("solver", "name"), [("gauss_joint", "four_bar_grid"), ("rattle_joint", "chain")])
+def test_no_linear_algebra_of_a_library_is_in_a_run(solver: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its bits differ between processors: tableaux, estimates, axes and components come from fractions and products."""
+    problem = make_problem(name, {"t_end": 0.01})
+    make_solver(solver).solve(problem, StepControl(dt=0.002))
+
+    def refuse(*given: Any, **options: Any) -> None:
+        raise AssertionError("linear algebra of a library")
+
+    for function in ("inv", "pinv", "solve", "lstsq", "qr", "svd", "eigh", "eigvalsh", "eig", "eigvals", "cholesky"):
+        monkeypatch.setattr(np.linalg, function, refuse)
+    gauss_lobatto.cache_clear()
+    extrapolation.cache_clear()
+    out = make_solver(solver).solve(problem, StepControl(dt=0.002))
+    assert out.status is Status.SUCCESS, out.message
+
+
+def test_principal_axes_are_those_of_the_library() -> None:
+    """Of bodies with inertias up to nine decades apart, two of them equal in every third."""
+    random = np.random.default_rng(0)
+    for k in range(300):
+        Q, J = np.linalg.qr(random.normal(size=(3, 3)))[0], np.sort(10.0 ** random.uniform(-6.0, 3.0, 3))
+        J[1] = J[2] if k % 3 == 0 else J[1]
+        A = Q @ np.diag(J) @ Q.T
+        A = 0.5 * (A + A.T)
+        found, axes = principal_axes(A)
+        assert np.max(np.abs(np.array(found) - np.linalg.eigvalsh(A))) < 1e-14 * J[2]
+        assert np.max(np.abs(A @ axes - axes * np.array(found))) < 1e-14 * J[2]
