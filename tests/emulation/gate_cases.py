@@ -1,5 +1,7 @@
 """The gate's cases at reduced length, in whatever Python runs this: digests of the motions, to compare two systems.
 
+A zero has no sign here: bits are those of numbers that compare as different.
+
 python gate_cases.py run OUT.json [SECONDS [SOLVER ...]]: run the cases in turn until so much CPU time is used
 python gate_cases.py compare HERE.json THERE.json: print the table; exit code 1 where a motion differs unexplained
 """
@@ -68,7 +70,7 @@ def run(out: Path, seconds: float, solvers: Collection[str]) -> None:
             motion = solver.solve(problem, spec.control)
             s = motion.states
             arrays = {"t": motion.t, "r": s.r, "R": s.R, "v": s.v, "Omega": s.Omega, "reaction": motion.reaction}
-            bits = {k: hashlib.sha256(np.ascontiguousarray(a, dtype=float).tobytes()).hexdigest()[:16]
+            bits = {k: hashlib.sha256((np.ascontiguousarray(a, dtype=float) + 0.0).tobytes()).hexdigest()[:16]
                     for k, a in arrays.items() if a is not None}  # fmt: skip
             last = np.concatenate((s.r[-1].ravel(), s.v[-1].ravel(), s.Omega[-1].ravel()))
             row |= {"status": str(motion.status), "bits": bits, "last": last.tolist(),
