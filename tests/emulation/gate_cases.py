@@ -1,5 +1,7 @@
 """The gate's cases at reduced length, in whatever Python runs this: digests of the motions, to compare two systems.
 
+A zero has no sign here: bits are those of numbers that compare as different.
+
 python gate_cases.py run OUT.json [SECONDS [SOLVER ...]]: run the cases in turn until so much CPU time is used
 python gate_cases.py compare HERE.json THERE.json: print the table; exit code 1 where a motion differs unexplained
 """
@@ -67,10 +69,11 @@ def run(out: Path, seconds: float, solvers: Collection[str]) -> None:
         if reason is None:
             motion = solver.solve(problem, spec.control)
             s = motion.states
-            parts = [motion.t, s.r, s.R, s.v, s.Omega] + ([] if motion.reaction is None else [motion.reaction])
-            digest = hashlib.sha256(b"".join(np.ascontiguousarray(a, dtype=float).tobytes() for a in parts))
+            arrays = {"t": motion.t, "r": s.r, "R": s.R, "v": s.v, "Omega": s.Omega, "reaction": motion.reaction}
+            bits = {k: hashlib.sha256((np.ascontiguousarray(a, dtype=float) + 0.0).tobytes()).hexdigest()[:16]
+                    for k, a in arrays.items() if a is not None}  # fmt: skip
             last = np.concatenate((s.r[-1].ravel(), s.v[-1].ravel(), s.Omega[-1].ravel()))
-            row |= {"status": str(motion.status), "bits": digest.hexdigest()[:16], "last": last.tolist(),
+            row |= {"status": str(motion.status), "bits": bits, "last": last.tolist(),
                     "steps": len(motion.t) - 1}  # fmt: skip
         found[spec.case] = row
         sys.stderr.write(f"{time.process_time():7.0f} s  {row['status']:9} {spec.case}\n")
@@ -106,7 +109,10 @@ def _describe(case: str, x: dict[str, Any], y: dict[str, Any]) -> Row:
         return Row(case, True, "refused by both")
     if x["bits"] == y["bits"]:
         return Row(case, True, "equal")
-    size = f"{_distance(x, y):.1e}" if x["steps"] == y["steps"] else f"{x['steps']} and {y['steps']} steps"
+    other = " ".join(k for k in x["bits"] if x["bits"][k] != y["bits"].get(k))
+    size = f"{x['steps']} and {y['steps']} steps"
+    if x["steps"] == y["steps"]:
+        size = f"{other}; last state {_distance(x, y):.1e}"
     why = OTHERS.get(REASONS.get(x["solver"], ""), "")
     return Row(case, bool(why), f"other bits ({size}): {why or 'NOT EXPLAINED'}")
 
