@@ -29,11 +29,26 @@ def dot(a: Float[np.ndarray, " k"], b: Float[np.ndarray, " k"]) -> float:
 
 
 def inverse(A: Float[np.ndarray, "*stack n n"]) -> Float[np.ndarray, "*stack n n"]:
-    """Return A^-1 by elimination without a choice of pivots: of inertias, of tableaux, of stacks of them."""
-    n = A.shape[-1]
-    rows = np.concatenate((A, np.broadcast_to(np.eye(n), A.shape)), axis=-1)
+    """Return A^-1 of small matrices, inertias and tableaux: by factors with the largest pivot of each column."""
+    return np.array([_invert(one) for one in A.reshape(-1, *A.shape[-2:]).tolist()]).reshape(A.shape)
+
+
+def _invert(A: list[list[float]]) -> list[list[float]]:
+    """Row by row as LAPACK's unblocked routines do it, each product rounded before it is subtracted."""
+    n = len(A)
+    rows = [[*row, *(float(i == k) for k in range(n))] for i, row in enumerate(A)]
     for k in range(n):
-        pivot = rows[..., k, :] / rows[..., k, k : k + 1]
-        rows = rows - rows[..., :, k : k + 1] * pivot[..., None, :]
-        rows[..., k, :] = pivot
-    return np.ascontiguousarray(rows[..., n:])
+        best = max(range(k, n), key=lambda i: abs(rows[i][k]))
+        rows[k], rows[best] = rows[best], rows[k]
+        reciprocal = 1.0 / rows[k][k]
+        for i in range(k + 1, n):
+            factor = rows[i][k] * reciprocal
+            for j in range(k + 1, 2 * n):
+                rows[i][j] -= factor * rows[k][j]
+    for k in reversed(range(n)):
+        for j in range(n, 2 * n):
+            total = rows[k][j]
+            for i in range(k + 1, n):
+                total -= rows[k][i] * rows[i][j]
+            rows[k][j] = total / rows[k][k]
+    return [row[n:] for row in rows]
