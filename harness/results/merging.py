@@ -10,6 +10,7 @@ from ..files import FileError
 from ..places import NotOwn, Place
 from . import store
 from .comparison import compare
+from .provenance import describe_differences, find_differences, stamp_of
 from .records import RunRecord
 from .series import LARGEST
 
@@ -36,18 +37,20 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
     with store.lock(out):
         there = store.load(out)
         kept = {r.run_id: r for r in there.records}
+        origin = dict.fromkeys(kept, out)
         unreadable, conflicts, added = list(there.unreadable), [], 0
         for source, loaded in zip(sources, found, strict=True):
             unreadable += loaded.unreadable
             for record in loaded.records:
                 if record.run_id in kept:
                     if not compare([kept[record.run_id]], [record]).same:
-                        conflicts.append(f"{record.case} ({source})")
+                        causes = find_differences(stamp_of(origin[record.run_id]), stamp_of(source))
+                        conflicts.append(f"{record.case} ({source}; possible causes: {describe_differences(causes)})")
                     continue
                 for file in filter(None, (record.series, record.stderr)):
                     _copy(source, file, out)
                 store.write_record(out, record)
-                kept[record.run_id] = record
+                kept[record.run_id], origin[record.run_id] = record, source
                 added += 1
             _copy_environment(source, out)
         store.write_table(out, store.load(out, check_series=False).records)
