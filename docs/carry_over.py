@@ -1,8 +1,8 @@
 """Carry published results over to the present code: ``python docs/carry_over.py PARENT`` (a commit); say what differs.
 
 A change of names, types or places changes every digest and no number. This makes suite ``ci`` whole, and a hundred runs
-of suite ``referee`` drawn by the hash of PARENT with one more of each problem and solver that were not drawn, by the
-code of PARENT and by the present one, under the same pinned arithmetic. Solvers of which all statuses and all measured
+of suite ``referee`` drawn by the hash of PARENT with one more of each problem, solver and engine not drawn, by the code
+of PARENT and by the present one, under the same pinned arithmetic. Solvers of which all statuses and all measured
 numbers are equal bit for bit are noted with the digests of both in ``results/published/carried.json``: what was
 published of the one is published of the other. The others are named: what is published of them is to be made anew.
 Costs are no part of it: they are those of the code that was timed.
@@ -22,6 +22,7 @@ from mbsbench.harness.referee.carried import FILE, Generation, carry, present, r
 from mbsbench.harness.results.comparison import compare, is_repeatable
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.store import load, newest
+from mbsbench.harness.types import Status
 
 
 def main(parent: str) -> int:
@@ -44,7 +45,7 @@ def main(parent: str) -> int:
     for case in sorted(cases):
         first = next((c for c in comparison.changes if c.case == case), None)
         _say(f"differs: {case}{f': {first.metric} {first.before} -> {first.after}' if first else ''}")
-    equal = [r for r in found[1] if r.solver not in differing]
+    equal = [r for r in found[1] if r.solver not in differing and r.status != Status.REFUSED]
     if not equal:
         _say(f"nothing is carried over from {commit[:8]}")
         return 1

@@ -25,9 +25,10 @@ def main(folder: Path, seed: str) -> None:
     known = sorted(load_suite("referee").specs, key=lambda s: s.settings_id)
     random.Random(seed).shuffle(known)
     drawn = [*load_suite("ci").specs, *known[:DRAWN]]
-    for name in ("problem", "solver"):  # one of each: else it could not be carried over
+    for name in ("problem", "solver"):  # one of each, engines too: else it could not be carried over
         met = {getattr(s, name) for s in drawn}
-        drawn += {getattr(s, name): s for s in known if getattr(s, name) not in met}.values()
+        others = [*known, *load_suite("bench_engines").specs]
+        drawn += {getattr(s, name): s for s in others if getattr(s, name) not in met}.values()
     suite = Suite("carried", "runs by two states of the code", tuple({s.settings_id: s for s in drawn}.values()), "")
     run_suite(Request(suite, folder, os.cpu_count() or 1), MagicMock())
     here = codes.package_sources()
