@@ -4,6 +4,9 @@ Both come from the declarations. Pictures are read off the rows: body i stands o
 the joint is z, ``across`` is x, and a motion is free where its column of A is zero. ``make joints`` writes all.
 """
 
+import mbsbench  # noqa: F401  before NumPy: it pins the arithmetic
+
+# isort: split
 import sys
 from pathlib import Path
 

@@ -4,6 +4,9 @@
 From results with engines it also writes a false success of each into results/published/engines, for pages without.
 """
 
+import mbsbench  # noqa: F401  before NumPy: it pins the arithmetic
+
+# isort: split
 import hashlib
 import math
 import sys

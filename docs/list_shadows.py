@@ -5,6 +5,9 @@ python docs/list_shadows.py cloud N SOLVER ...    # scores their ensembles of N 
 python docs/list_shadows.py                       # writes the page from it
 """
 
+import mbsbench  # noqa: F401  before NumPy: it pins the arithmetic
+
+# isort: split
 import fcntl
 import json
 import math
