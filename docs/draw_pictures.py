@@ -43,6 +43,7 @@ ROLES = (("gc_weak_form", 1e-3, None, "ODE-GC of the paper"), ("ida_index3", Non
 END = 1.2  # [s] of the motion; at 1.3 the step of IDA on index 3 goes under, and rounding decides where it leads
 SECONDS, HELD = 6, 0.85  # [s] of the loop; the share that moves
 FRAMES, COUNTS = 60, 24
+ROWS = (-13, 24, -29)  # [px] of labels beside their dots
 WIDTH, HEIGHT, ROOM, LETTER = 880, 330, 16, 8.0  # [px]
 STYLE = (
     "svg { color: #1c2126; background: #fff; font: 14px DejaVu Sans, Verdana, sans-serif } "
@@ -119,8 +120,8 @@ def _solvers(f: Frontier) -> list[str]:
 
 
 def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> Iterator[str]:
-    """The dots of a problem; names above and below in turns, from the left; who does not get there at the right."""
-    own, ends = looks(_solvers(f)), [0.0, 0.0]
+    """The dots of a problem; names in the row of ``ROWS`` that has room, from the left; then who does not get there."""
+    own, ends = looks(_solvers(f)), [0.0] * len(ROWS)
     for k, p in enumerate(f.places):
         name, at = p.run.record.solver, x(p.cpu_s)
         said = _named(name) or (name if k == 0 else "")
@@ -128,13 +129,15 @@ def _line_of(f: Frontier, x: Callable[[float], float], y: int, right: float) -> 
                f'opacity="{1 if said else 0.45}"><title>{name} {seconds(p.cpu_s)}</title></circle>')  # fmt: skip
         if said:
             words = f"{said} {'≤ ' * p.bound}{seconds(p.cpu_s)}"
-            row = min((0, 1), key=lambda r: max(ends[r] - at + 0.5 * LETTER * len(words), 0.0))
-            start = min(max(ends[row], at - 0.5 * LETTER * len(words)), right - LETTER * len(words) + 30.0)
-            ends[row] = start + LETTER * len(words) + 12.0
+            wide = LETTER * len(words)
+            best = min(at - 0.5 * wide, right - wide + 30.0)
+            row = min(range(len(ROWS)), key=lambda r: max(ends[r] - best, 0.0))
+            start = min(max(ends[row], best), right - wide + 30.0)
+            ends[row] = start + wide + 12.0
             if start > at:  # a label that made room for the one before
-                yield (f'<path d="M{at:.1f} {y}L{start - 3:.1f} {y + (18 if row else -18)}" '
+                yield (f'<path d="M{at:.1f} {y}L{start - 3:.1f} {y + ROWS[row] - 5}" '
                        f'stroke="currentColor" opacity="0.5"/>')  # fmt: skip
-            yield _text(round(start), y + (24 if row else -13), words)
+            yield _text(round(start), y + ROWS[row], words)
     missed = [_named(s) for s in f.missed if _named(s)]
     if missed:
         yield _text(ROOM, y + 44, f"not reached by {join_words(missed)}", "", ' opacity="0.7"')
