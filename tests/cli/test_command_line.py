@@ -115,7 +115,7 @@ BAD = [
     (("gate", "--junit", "gate.xml", "--update"), "cannot be combined with --update"),
     (("gate", "--write"), "needs --update"),
     (("gate", "--json", "--update"), "cannot be combined with --update"),
-    (("run", "ci", "--resum"), "did you mean '--resume'?"),  # an option may not be shortened
+    (("list", "--jso"), "did you mean '--json'?"),  # an option may not be shortened
     (("solve", "heavy_top", "rattle", "--nativ"), "did you mean '--native'?"),
     (("run", "ci", "--limt", "3"), "did you mean '--limit'?"),
     (("run", "ci", "--in-turns", "0"), "--in-turns"),
