@@ -158,8 +158,22 @@ def test_a_damaged_list_of_names_is_asked_for_again(damage, tmp_path):
     assert kept.read_text() == text and list(kept.parent.iterdir()) == [kept]
 
 
-def test_runs_with_bits_of_their_own_are_announced(capsys, monkeypatch):
-    """One line on standard error; who asked for it needs none."""
+def test_commands_announce_runs_with_bits_of_their_own(tmp_path):
+    """Each that makes runs to be compared with others: one line on standard error."""
+    (tmp_path / "tiny.toml").write_text(TINY)
+    made = ["tiny.toml", "--jobs", "1", "--out", "out"]
+    calls = (
+        ["run", *made], ["verify", "out", "--jobs", "1"],
+        ["gate", "--suite", "tiny.toml", "--thresholds", "new.toml", "--update", "--jobs", "1"],
+    )  # fmt: skip
+    program = f"import os; from mbsbench.cli.__main__ import main; os.chdir({str(tmp_path)!r})"
+    done = run(f"{program}; assert [main(c) for c in {calls!r}] == [0, 0, 0]", MBSBENCH_CORE="Sandybridge")
+    lines = [x for x in done.stderr.splitlines() if "(OpenBLAS uses kernels of Sandybridge)" in x]
+    assert len(lines) == len(calls)
+
+
+def test_who_asked_for_native_runs_is_told_nothing(capsys, monkeypatch):
+    """The line is for those who do not know."""
     monkeypatch.setattr(machine, "find_deviations", lambda: ["NumPy uses X86_V4"])
     monkeypatch.delenv(machine.NATIVE, raising=False)
     warn_of_own_bits()
