@@ -6,7 +6,6 @@
 import dataclasses
 import json
 import math
-import os
 import tempfile
 import warnings
 from collections.abc import Mapping
@@ -185,9 +184,8 @@ def scipy(method: str, **options: Any) -> Solver:
 @cache
 def _warn_of_own_bits() -> None:
     """Say once where NumPy was loaded before this package, too early for the pin of its arithmetic."""
-    if os.environ.get(machine.NATIVE) != "1" and (found := machine.find_deviations()):
-        words = f"these runs have the bits of this processor, not those that runs have everywhere ({'; '.join(found)})"
-        remedy = ": import mbsbench before numpy" if machine.variables() else ""
+    if words := machine.explain_deviations():
+        remedy = ": import mbsbench before numpy and numba" if machine.variables() else ""
         warnings.warn(words + remedy, stacklevel=3)
 
 

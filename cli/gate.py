@@ -33,7 +33,7 @@ from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite, load_suite
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
-from .progress import run_watched
+from .progress import run_watched, warn_of_own_bits
 from .terminal import console, error_console, print_json
 
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
@@ -63,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     thresholds = Thresholds(suite.name) if is_new else read_thresholds(path)
     if thresholds.suite != suite.name:
         raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
+    if not arguments.results or arguments.spread:
+        warn_of_own_bits()
     name, stamp, records = _results(arguments, suite)
     of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
     code = None if arguments.any_code or of_files else partial(codes.code_of, plugins=suite.plugins)
@@ -146,16 +148,20 @@ def _say_before(f: Finding) -> Finding:
 
 
 def _samples(arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]) -> dict[str, list[Sample]]:
-    """The record of each of the suite's runs and those of its repeats, by case; those of a core type apart."""
+    """The record of each of the suite's runs and those of its repeats, by case; those of a core type apart.
+
+    What a later round repeats as it was, kernels with a start that is not moved, is one sample.
+    """
     known = {r.settings_id: r for r in judged}
-    repeats: dict[str, list[Repeat]] = {}
+    repeats: dict[str, dict[str, Repeat]] = {}
     samples: dict[str, list[Sample]] = {}
     for spec in suite.specs:
         if spec.settings_id in known:
             samples[spec.case] = [Sample("", known[spec.settings_id])]
             for repeat in repeat_run(spec, arguments.spread, cores_here()):
-                repeats.setdefault(repeat.core, []).append(repeat)
-    for own in repeats.values():
+                repeats.setdefault(repeat.core, {}).setdefault(repeat.spec.settings_id, repeat)
+    for core in repeats.values():
+        own = tuple(core.values())
         extra = dataclasses.replace(suite, specs=tuple(r.spec for r in own), total_limit=None)
         pool = partial(LocalPool, environ=own[0].environ)
         with tempfile.TemporaryDirectory() as place:

@@ -38,7 +38,13 @@ class Groups(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse with its errors in one line; an unknown option is answered with the nearest one of its command."""
+    """argparse with its errors in one line; an unknown option is answered with the nearest one of its command.
+
+    No option may be shortened: ``--native`` is looked for before there is a parser.
+    """
+
+    def __init__(self, *arguments: Any, **given: Any) -> None:
+        super().__init__(*arguments, **{"allow_abbrev": False, **given})
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         found, left = super().parse_known_args(args, namespace)

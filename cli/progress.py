@@ -11,6 +11,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
+from ..harness import machine
 from ..harness.execution.eta import PREPARING, Estimate, describe_wait, durations, in_words
 from ..harness.execution.job import Job
 from ..harness.execution.pool import LocalPool
@@ -20,7 +21,7 @@ from ..harness.results.store import Loaded, Unreadable
 from ..harness.results.words import why
 from ..harness.sandbox.isolation import describe_lacking
 from ..harness.types import Status
-from .terminal import list_unreadable, plural, status_style
+from .terminal import error_console, list_unreadable, plural, status_style
 
 LISTED = 50  # at most so many runs that were not started
 BAR = 30  # characters
@@ -152,6 +153,12 @@ class Watch:
 
     def _say(self, words: str, style: str = "") -> None:
         self.console.print(Text(words, style), highlight=False, soft_wrap=True)
+
+
+def warn_of_own_bits() -> None:
+    """Print a line where runs of this machine will not have the bits that they have elsewhere, unless natively."""
+    if words := machine.explain_deviations():
+        error_console().print(words)
 
 
 def run_watched(

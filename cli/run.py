@@ -11,7 +11,7 @@ from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
 from .arguments import UsageError, count_jobs, load_plugins
-from .progress import run_watched
+from .progress import run_watched, warn_of_own_bits
 from .terminal import error_console, print_json
 
 
@@ -25,10 +25,14 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--jobs is for this machine; with --cluster the number of workers is that of the cluster")
     if arguments.in_turns and arguments.cluster is not None:
         raise UsageError("--in-turns times runs on this machine, so it cannot be combined with --cluster")
+    if arguments.native and arguments.cluster is not None:
+        raise UsageError("--native is for this machine; with --cluster set MBSBENCH_NATIVE=1 where its workers start")
     target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
     request = Request(
         suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part, arguments.lossless
     )
+    if arguments.cluster is None:
+        warn_of_own_bits()
     loaded, watcher = run_watched(request, quiet=arguments.json, pool=choose_executor(arguments.cluster))
     watcher.finish(request.folder, loaded)
     failures = _time(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []

@@ -18,7 +18,7 @@ from ..harness.suites.spec import RunSpec, make_spec
 from ..harness.suites.suite import Suite
 from .arguments import UsageError, count_jobs, load_plugins
 from .diff import show_comparison
-from .progress import run_watched
+from .progress import run_watched, warn_of_own_bits
 from .terminal import console, print_unreadable
 
 
@@ -33,6 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{folder} has no run that can be repeated (none at all, or all stopped by a limit)")
     sample = random.Random(arguments.seed).sample(able, min(arguments.sample, len(able)))
     suite = Suite("verify", "a sample of finished runs", tuple(map(rebuild_spec, sample)), "", plugins)
+    warn_of_own_bits()
     with tempfile.TemporaryDirectory() as place:
         request = Request(suite, Path(place) / "run", count_jobs(arguments.jobs))
         again, _ = run_watched(request, quiet=arguments.json, resumable=False)

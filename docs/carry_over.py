@@ -68,6 +68,8 @@ def _make_runs(tree: Path, folder: Path, seed: str) -> dict[str, Any]:
     """Make the runs with the package in ``tree``, in processes of their own; its digests."""
     _say(f"runs by the code {tree.name} the change")
     env = {**os.environ, **machine.THREADS, **machine.variables(), "PYTHONPATH": str(tree)}
+    for name in (machine.NATIVE, machine.CORE):  # both codes compute as everywhere
+        env.pop(name, None)
     call = (sys.executable, str(Path(__file__).with_name("carry_over_runs.py")), str(folder), seed)
     done = subprocess.run(call, cwd=tree, env=env, stdout=subprocess.PIPE, check=True, text=True)
     digests: dict[str, Any] = json.loads(done.stdout)

@@ -1,9 +1,10 @@
-"""What of this machine decides the bits of a run: pinned before NumPy loads, and described as it is in force.
+"""Pin what of this machine decides the bits of a run, before NumPy loads, and describe what is in force.
 
 Three libraries choose instructions by the processor: OpenBLAS its kernels, NumPy its loops, LLVM (numba, and our own
 code) what it compiles for. Each reads the environment once, when it loads. ``pin`` sets all three to what every
 processor with AVX2 has, so that all of them round alike; what is preset loses. ``MBSBENCH_NATIVE=1``, or ``--native``
-of a command, turns it off. docs/decisions/same-bits.md has the reasons and the measurements.
+of a command, turns it off; ``MBSBENCH_CORE`` chooses other kernels of OpenBLAS, and nothing else.
+docs/decisions/same-bits.md has the reasons and the measurements.
 """
 
 import contextlib
@@ -22,6 +23,7 @@ from typing import Any, NamedTuple
 from .cache import ROOT, cache_folder
 
 NATIVE = "MBSBENCH_NATIVE"
+CORE = "MBSBENCH_CORE"  # the pin with the kernels of this core type of OpenBLAS: only the rounding of BLAS is other
 ENABLED = "NPY_ENABLE_CPU_FEATURES"  # beside the names of what is disabled, NumPy refuses to load
 THREADS = dict.fromkeys((  # one thread: timings mean CPU time of one core, and results do not depend on how many
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
@@ -30,17 +32,17 @@ THREADS = dict.fromkeys((  # one thread: timings mean CPU time of one core, and 
 
 
 class Target(NamedTuple):
-    """What all processors of one architecture are taken for."""
+    """A processor that all those of one architecture are taken for."""
 
     kernels: str  # OpenBLAS, by its name of a core type
     compiled: str  # LLVM's name of a processor; its features are those that the name stands for
-    needs: frozenset[str]  # flags of /proc/cpuinfo without which the code would not run
+    needs: frozenset[str]  # flags of /proc/cpuinfo without which the code would not run; abm: lzcnt
     loops: frozenset[str]  # NumPy's names of the features that its loops may use
 
 
 TARGETS = {
     "x86_64": Target(
-        "Haswell", "haswell", frozenset(("avx2", "fma", "bmi1", "bmi2", "movbe")),
+        "Haswell", "haswell", frozenset(("avx2", "fma", "bmi1", "bmi2", "movbe", "abm", "f16c")),
         frozenset(("SSE", "SSE2", "SSE3", "SSSE3", "SSE41", "SSE42", "POPCNT", "AVX", "F16C", "FMA3", "AVX2",
                    "X86_V2", "X86_V3")),
     ),
@@ -61,6 +63,8 @@ def pin() -> None:
     if os.environ.get(NATIVE) == "1":
         return
     for name, value in variables().items():
+        if name.startswith("NUMBA_") and "numba" in sys.modules:
+            continue  # it compiles on as it began, but would read these, and keep that code under their name
         _before.setdefault(name, os.environ.get(name))
         os.environ[name] = value
     if variables():
@@ -85,15 +89,29 @@ def variables() -> dict[str, str]:
     if target is None:
         return {}
     return {
-        "OPENBLAS_CORETYPE": target.kernels, "NPY_DISABLE_CPU_FEATURES": " ".join(_list_unwanted(target)),
+        "OPENBLAS_CORETYPE": os.environ.get(CORE) or target.kernels,
+        "NPY_DISABLE_CPU_FEATURES": " ".join(_list_unwanted(target)),
         "NUMBA_CPU_NAME": target.compiled, "NUMBA_CPU_FEATURES": "",
     }  # fmt: skip
 
 
 def llvm_target() -> tuple[str, str]:
-    """Return name and features of the processor that code is compiled for."""
+    """Return name and features of the processor that our code is compiled for."""
     if os.environ.get(NATIVE) != "1" and (target := _target()) is not None:
         return target.compiled, ""
+    return _host()
+
+
+def numba_target() -> tuple[str, str]:
+    """Return name and features of the processor that numba compiles for, or will when it is loaded."""
+    config = sys.modules.get("numba.core.config")
+    name = config.CPU_NAME if config else os.environ.get("NUMBA_CPU_NAME")
+    features = config.CPU_FEATURES if config else os.environ.get("NUMBA_CPU_FEATURES")
+    return name or _host()[0], _host()[1] if features is None else features
+
+
+@cache
+def _host() -> tuple[str, str]:
     import llvmlite.binding as llvm
 
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
@@ -106,14 +124,22 @@ def find_deviations() -> list[str]:
         return [f"this processor ({platform.machine()}, {platform.system()}) is none that the pin knows"]
     loops = sorted(set(list_features()) - target.loops)
     kernels = sorted({k for k in list_kernels() if k and k.lower() != target.kernels.lower()})
-    cpu, _ = llvm_target()
+    cpu, pinned = llvm_target()[0], (target.compiled, "")
     tunables = os.environ.get("GLIBC_TUNABLES", "")  # read before anything of ours: it cannot be pinned
     return [
         *([f"NumPy uses {', '.join(loops)}"] if loops else []),
         *([f"OpenBLAS uses kernels of {', '.join(kernels)}"] if kernels else []),
         *([f"LLVM compiles for {cpu}"] if cpu != target.compiled else []),
+        *([f"numba compiles for {numba_target()[0]}"] if numba_target() != pinned else []),
         *(["GLIBC_TUNABLES chooses functions of the C library"] if "glibc.cpu.hwcaps" in tunables else []),
     ]
+
+
+def explain_deviations() -> str:
+    """Return a line for who computes here, if the bits are not those of the pin; "" where they are, and natively."""
+    found = [] if os.environ.get(NATIVE) == "1" else find_deviations()
+    words = "these runs have the bits of this processor, not those that runs have everywhere"
+    return f"{words} ({'; '.join(found)})" if found else ""
 
 
 def list_kernels() -> list[str]:
@@ -139,9 +165,14 @@ def describe() -> dict[str, Any]:
     governor = _read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()
     libc = " ".join(platform.libc_ver()).strip() or platform.system()
     return {
-        "pinned": not find_deviations(), "simd": list_features(), "llvm": " ".join(filter(None, llvm_target())),
+        "pinned": not find_deviations(), "simd": list_features(), "llvm": _describe_compilers(),
         "libc": libc, "governor": governor, "turbo": _turbo(), "load": round(os.getloadavg()[0], 2),
     }  # fmt: skip
+
+
+def _describe_compilers() -> str:
+    ours, numba = (" ".join(filter(None, target)) for target in (llvm_target(), numba_target()))
+    return ours if numba == ours else f"{ours}; numba: {numba}"
 
 
 def cpu_model() -> str:
@@ -170,28 +201,39 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
     all names, since another processor of a cluster may read them. Of these, those that this processor has.
     """
     flags = processor_flags()
-    kept = _kept_names()
-    names = _read(str(kept)).strip()
-    if not kept.is_file() or not NAMES.fullmatch(names):
+    names = _read_names(kept := _kept_names())
+    if names is None:
         bare = {k: v for k, v in os.environ.items() if not k.startswith("NPY_")}
         done = subprocess.run((sys.executable, "-c", ASK), capture_output=True, text=True, env=bare, check=False)
         names = done.stdout.strip()
         if done.returncode != 0 or not NAMES.fullmatch(names):
             return ()
+        from .files import write_text  # here: most starts write nothing
+
         with contextlib.suppress(OSError):
             kept.parent.mkdir(parents=True, exist_ok=True)
-            kept.write_text(names, encoding="ascii")
+            write_text(kept, f"{names}\n{_digest(names)}\n")
     unwanted = set(names.split()) - target.loops
     return tuple(sorted(n for n in unwanted if "avx512f" in flags or n.lower() in flags))  # all of x86-64 need AVX-512
 
 
+def _read_names(kept: Path) -> str | None:
+    """The names in a file that is whole, as its last line shows; else None: without them nothing would be pinned."""
+    names, _, digest = _read(str(kept)).rstrip("\n").rpartition("\n")
+    return names if digest == _digest(names) else None
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def _kept_names() -> Path:
-    """The file with the names that this build of NumPy has."""
+    """The file with the names that this build of NumPy has, and their digest."""
     spec = importlib.util.find_spec("numpy")
     built = Path(spec.origin).stat().st_mtime_ns if spec and spec.origin else 0
     parts = importlib.metadata.version("numpy"), str(built), ASK
-    digest = hashlib.sha256(" ".join(parts).encode()).hexdigest()[:16]
-    return cache_folder("machine", ROOT / "results" / "local") / f"numpy-{parts[0]}-{digest}.txt"
+    name = f"numpy-{parts[0]}-{_digest(' '.join(parts))}.txt"
+    return cache_folder("machine", ROOT / "results" / "local") / name
 
 
 def _turbo() -> str:

@@ -15,7 +15,7 @@ from itertools import count, islice
 import numpy as np
 
 from ..catalogue import registry
-from ..machine import processor_flags
+from ..machine import CORE, processor_flags
 from ..suites.spec import RunSpec
 
 SIZE = 1e-15  # relative, and rad: four or five units in the last place
@@ -36,7 +36,7 @@ class Repeat:
     @property
     def environ(self) -> dict[str, str]:
         """Variables of the processes that make it."""
-        return {"OPENBLAS_CORETYPE": self.core, "MBSBENCH_NATIVE": "1"} if self.core else {}
+        return {CORE: self.core, "OPENBLAS_CORETYPE": self.core} if self.core else {}  # pinned, and natively
 
 
 def cores_here() -> tuple[str, ...]:

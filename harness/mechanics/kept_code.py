@@ -19,7 +19,7 @@ import numpy as np
 
 from ..cache import cache_folder
 from ..code_meter import making_code
-from ..machine import llvm_target
+from ..machine import numba_target
 
 LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # known by their names and versions
 
@@ -77,7 +77,7 @@ def digest_of(function: Callable[..., Any], *more: object) -> str:
     import llvmlite.binding as llvm
     import numba
 
-    machine = (llvm.get_process_triple(), *llvm_target())
+    machine = (llvm.get_process_triple(), *numba_target())
     versions = (sys.version, np.__version__, numba.__version__, llvmlite.__version__, *machine, *map(str, more))
     found = hashlib.sha256("\0".join(versions).encode())
     for part in _parts(function, []):

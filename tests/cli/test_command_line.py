@@ -115,6 +115,8 @@ BAD = [
     (("gate", "--junit", "gate.xml", "--update"), "cannot be combined with --update"),
     (("gate", "--write"), "needs --update"),
     (("gate", "--json", "--update"), "cannot be combined with --update"),
+    (("list", "--jso"), "did you mean '--json'?"),  # an option may not be shortened
+    (("solve", "heavy_top", "rattle", "--nativ"), "did you mean '--native'?"),
     (("run", "ci", "--limt", "3"), "did you mean '--limit'?"),
     (("run", "ci", "--in-turns", "0"), "--in-turns"),
     (("run", "ci", "--in-turns", "2", "--cluster", "tcp://nowhere:1"), "--in-turns"),

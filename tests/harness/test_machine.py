@@ -7,15 +7,17 @@ import subprocess
 import sys
 
 import pytest
+from llvmlite import binding
 
+from mbsbench.cli.progress import warn_of_own_bits
 from mbsbench.harness import machine
 from mbsbench.harness.results import provenance
 from mbsbench.harness.results.environment import ROOT
 
 pytestmark = pytest.mark.skipif(not machine.variables(), reason="this processor is none that the pin knows")
 SHAPING = (
-    machine.NATIVE, machine.ENABLED, "OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME",
-    "NUMBA_CPU_FEATURES", "GLIBC_TUNABLES",
+    machine.NATIVE, machine.CORE, machine.ENABLED, "PYTEST_ADDOPTS", "OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES",
+    "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "GLIBC_TUNABLES",
 )  # fmt: skip
 DESCRIBE = """
 import json, mbsbench
@@ -35,6 +37,26 @@ print(digest("heavy_top", "gc_weak_form", t_end=0.2, dt=1e-3))  # no BLAS in the
 print(digest("four_bar_grid", "rk45_strong_form", t_end=0.1, rtol=1e-6))  # LAPACK in the loop
 print(digest("spherical_pendulum", "radau_index1", t_end=0.2, rtol=1e-6))  # SciPy
 print(digest("spherical_pendulum", "ida_index1", t_end=0.2, rtol=1e-6))  # SUNDIALS
+"""
+
+
+TINY = """name = "tiny"
+[[runs]]
+problem = "heavy_top"
+parameters = { t_end = 0.01 }
+solver = "rattle"
+dt = 0.005
+"""
+LATE = """
+import numba
+numba.njit(lambda x: 2.0 * x)(1.0)
+import json, os, mbsbench
+from mbsbench.harness import machine
+from mbsbench.harness.mechanics.kept_code import digest_of
+numba.njit(lambda x: 3.0 * x)(1.0)  # reads numba's variables again
+own = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()[1]
+print(json.dumps([machine.find_deviations(), machine.describe()["llvm"], own, digest_of(abs)]))
+mbsbench.solve("heavy_top", "rattle", t_end=0.01, dt=1e-3)
 """
 
 
@@ -64,7 +86,33 @@ def test_what_is_preset_loses(preset):
 def test_native_leaves_what_is_there():
     """Who wants the last per cent, or to see what another kernel does, gets what the environment says."""
     pinned, _, llvm, kernels = json.loads(run(DESCRIBE, MBSBENCH_NATIVE="1", OPENBLAS_CORETYPE="Sandybridge").stdout)
-    assert not pinned and "Sandybridge" in kernels and llvm != ""
+    assert not pinned and "Sandybridge" in kernels
+    assert llvm == f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+
+
+@pytest.mark.parametrize("given", [("--native",), ()], ids=["native", "pinned"])
+def test_the_option_of_a_command_reaches_its_runs(given, tmp_path):
+    """It is looked for before NumPy is loaded; the record of the results says what was in force."""
+    (tmp_path / "tiny.toml").write_text(TINY)
+    words = ("run", str(tmp_path / "tiny.toml"), "--jobs", "1", "--out", str(tmp_path / "out"), *given)
+    run(f"from mbsbench.cli.__main__ import main; assert main({list(words)}) == 0")
+    made = json.loads((tmp_path / "out" / "environment.json").read_text())
+    assert made["pinned"] is (not given)
+    assert (made["llvm"] == machine.TARGETS[platform.machine()].compiled) is (not given)
+
+
+def test_the_option_is_not_for_a_cluster():
+    """Its workers were started elsewhere, with an environment of their own."""
+    call = "assert main(['run', 'ci', '--native', '--cluster', 'tcp://nowhere:1']) == 2"
+    (line,) = run(f"from mbsbench.cli.__main__ import main; {call}").stderr.splitlines()
+    assert line.startswith("error: --native is for this machine") and "MBSBENCH_NATIVE=1" in line
+
+
+@pytest.mark.parametrize("preset", ["--native", "-x --native", ""])
+def test_tests_are_native_by_the_environment_of_pytest(preset):
+    """Options that the variable gives are none of the command's."""
+    program = "import os, mbsbench.tests.pinned; print(os.environ.get('MBSBENCH_NATIVE', ''))"
+    assert run(program, PYTEST_ADDOPTS=preset).stdout.strip() == ("1" if preset else "")
 
 
 def test_motions_have_the_same_bits_whatever_is_preset():
@@ -84,6 +132,65 @@ def test_a_notebook_that_loaded_numpy_first_is_told_so_in_one_line():
     late = run(f"import numpy.linalg, mbsbench\n{solves}", OPENBLAS_CORETYPE="Sandybridge").stderr
     assert late.count("UserWarning") == 1 and "import mbsbench before numpy" in late and "Sandybridge" in late
     assert "UserWarning" not in run(f"import mbsbench, numpy\n{solves}").stderr
+
+
+def test_numba_that_was_loaded_first_is_not_taken_for_pinned():
+    """It compiles on for this processor: said, recorded, in its own index, and in the key of code that we keep."""
+    target, host = machine.TARGETS[platform.machine()].compiled, binding.get_host_cpu_name()
+    done = run(LATE, **{k: v for k, v in machine.variables().items() if not k.startswith("NUMBA")})
+    late, llvm, own, key = json.loads(done.stdout)
+    assert late == [f"numba compiles for {host}"] and llvm.startswith(f"{target}; numba: {host} ") and own == host
+    assert done.stderr.count("UserWarning") == 1 and "import mbsbench before numpy and numba" in done.stderr
+    early = run(LATE.replace("import numba\n", "import mbsbench, numba\n"))
+    assert json.loads(early.stdout)[:3] == [[], target, target] and json.loads(early.stdout)[3] != key
+    assert early.stderr == "" and run(LATE, **machine.variables()).stderr == ""
+
+
+@pytest.mark.parametrize("damage", [lambda text: "", lambda text: text[:5], lambda text: text.split("\n")[0]])
+def test_a_damaged_list_of_names_is_asked_for_again(damage, tmp_path):
+    """Another process may be writing it, or a disk was full: nothing of NumPy would be pinned, without a word."""
+    program = "import os, mbsbench; print(os.environ['NPY_DISABLE_CPU_FEATURES'])"
+    fresh = run(program, MBSBENCH_CACHE=str(tmp_path)).stdout
+    (kept,) = (tmp_path / "machine").iterdir()
+    text = kept.read_text()
+    kept.write_text(damage(text))
+    assert run(program, MBSBENCH_CACHE=str(tmp_path)).stdout == fresh
+    assert kept.read_text() == text and list(kept.parent.iterdir()) == [kept]
+
+
+def test_commands_announce_runs_with_bits_of_their_own(tmp_path):
+    """Each that makes runs to be compared with others: one line on standard error."""
+    (tmp_path / "tiny.toml").write_text(TINY)
+    made = ["tiny.toml", "--jobs", "1", "--out", "out"]
+    calls = (
+        ["run", *made], ["verify", "out", "--jobs", "1"],
+        ["gate", "--suite", "tiny.toml", "--thresholds", "new.toml", "--update", "--jobs", "1"],
+    )  # fmt: skip
+    program = f"import os; from mbsbench.cli.__main__ import main; os.chdir({str(tmp_path)!r})"
+    done = run(f"{program}; assert [main(c) for c in {calls!r}] == [0, 0, 0]", MBSBENCH_CORE="Sandybridge")
+    lines = [x for x in done.stderr.splitlines() if "(OpenBLAS uses kernels of Sandybridge)" in x]
+    assert len(lines) == len(calls)
+
+
+def test_who_asked_for_native_runs_is_told_nothing(capsys, monkeypatch):
+    """The line is for those who do not know."""
+    monkeypatch.setattr(machine, "find_deviations", lambda: ["NumPy uses X86_V4"])
+    monkeypatch.delenv(machine.NATIVE, raising=False)
+    warn_of_own_bits()
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and "NumPy uses X86_V4" in err
+    monkeypatch.setenv(machine.NATIVE, "1")
+    warn_of_own_bits()
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="another architecture")
+@pytest.mark.parametrize("flag", ["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])
+def test_a_processor_without_one_of_the_features_is_not_pinned(flag, monkeypatch):
+    """Those of x86-64-v3, which LLVM may use for the common processor; lzcnt is Linux's abm."""
+    without = machine.processor_flags() - {flag}
+    monkeypatch.setattr(machine, "processor_flags", lambda: without)
+    assert machine._target.__wrapped__() is None
 
 
 def test_kernels_are_a_cause_of_different_digits():

@@ -1,6 +1,9 @@
 """Bounds around runs that rounding changed: what is rounding, what it may widen, and what it may not decide."""
 
 import dataclasses
+import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -9,6 +12,7 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness import machine
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.protocol import Supervised
 from mbsbench.harness.gate import rounding
@@ -18,6 +22,7 @@ from mbsbench.harness.gate.rounding import FRAME, SIZE, START, TOLERANCE, cores_
 from mbsbench.harness.gate.spread import Sample, find_unstable, widen_by_spread
 from mbsbench.harness.gate.thresholds import Spread, Threshold, Thresholds, propose_bounds
 from mbsbench.harness.mechanics import so3
+from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.types import StepControl
@@ -114,7 +119,26 @@ def test_kinds_of_rounding_come_in_turn():
     assert [r.kind for r in found] == 2 * kinds
     assert len({(r.spec.settings_id, r.core) for r in found}) == 10
     assert [r.kind for r in repeat_run(run(PENDULUM), 4, CORES)] == [START, FRAME, *kinds[3:]]
-    assert found[3].environ == {"OPENBLAS_CORETYPE": "Haswell", "MBSBENCH_NATIVE": "1"} and found[0].environ == {}
+    assert found[0].environ == {}
+
+
+@pytest.mark.skipif(not machine.variables(), reason="this processor is none that the pin knows")
+@pytest.mark.parametrize("native", ["0", "1"])
+def test_repeats_with_other_kernels_differ_in_them_alone(native):
+    """Code that is compiled for another processor would be a second kind of rounding; natively both are the host's."""
+    (repeat,) = (r for r in repeat_run(run(PENDULUM), 4, CORES) if r.core == "Sandybridge")
+    program = "from mbsbench.harness import machine as m; print(m.llvm_target(), m.numba_target(), m.list_features())"
+    shown = "import numpy; print(m.list_kernels())"
+    given = {**os.environ, machine.NATIVE: native}
+    plain, other = (
+        subprocess.run(
+            (sys.executable, "-c", f"{program}; {shown}"), cwd=ROOT, env={**given, **environ}, capture_output=True,
+            text=True, check=True,
+        ).stdout.splitlines()
+        for environ in ({}, repeat.environ)
+    )  # fmt: skip
+    assert plain[0] == other[0] and "Sandybridge" in other[1] and "Sandybridge" not in plain[1]
+    assert native == "1" or "haswell" in other[0]
 
 
 @pytest.mark.parametrize("parameters", [PENDULUM, TURNED], ids=["upright", "turned"])
@@ -138,14 +162,15 @@ def test_a_start_that_breaks_the_constraints_on_purpose_is_not_moved():
     assert kinds == [FRAME, "BLAS Haswell", "BLAS Sandybridge", FRAME]
 
 
-def test_kernels_are_those_that_the_processor_has(monkeypatch, tmp_path):
+def test_kernels_are_those_that_the_processor_has(monkeypatch):
     """SkylakeX's are AVX-512's, and end a process without it."""
-    monkeypatch.setattr(rounding, "CPU", tmp_path / "cpuinfo")
-    assert cores_here() == ()
-    (tmp_path / "cpuinfo").write_text("flags : sse2 avx avx2 fma\n")
-    assert cores_here() == ("Haswell", "Zen", "Sandybridge")
-    (tmp_path / "cpuinfo").write_text("flags : avx avx2 avx512f avx512vl\n")
-    assert "SkylakeX" in cores_here()
+    for flags, cores in (
+        ("", ()),
+        ("sse2 avx avx2 fma", ("Haswell", "Zen", "Sandybridge")),
+        ("avx avx2 avx512f avx512vl", ("Haswell", "Zen", "Sandybridge", "SkylakeX")),
+    ):
+        monkeypatch.setattr(rounding, "processor_flags", lambda flags=flags: frozenset(flags.split()))
+        assert cores_here() == cores
 
 
 def test_runs_are_made_by_processes_with_these_variables():
@@ -185,6 +210,19 @@ class Touchy:
         out = make_solver("rattle").solve(problem, control)
         return dataclasses.replace(out, status=Status.DIVERGED) if "perturb" in problem.parameters else out
 '''
+
+
+LITERAL = SUITE.replace("omega_z = 3.0", "literal_start = true").replace('["touchy", "rattle"]', '"rattle"')
+
+
+def test_a_run_that_is_repeated_as_it_was_is_one_sample(tmp_path, monkeypatch):
+    """A literal start is not moved, so a second round meets the same kernels with the same start."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("mbsbench.harness.gate.rounding.CORES", {"Sandybridge": "avx"})
+    Path("small.toml").write_text(LITERAL.replace('plugins = ["touchy.py"]\n', ""))
+    update = ["gate", "--suite", "small.toml", "--thresholds", "t.toml", "--jobs", "1", "--update", "--write"]
+    assert main([*update, "--spread", "4"]) == 0
+    assert read_thresholds(Path("t.toml")).spread.samples == 4  # unchanged, two frames, one of kernels
 
 
 def test_a_gate_with_a_case_that_rounding_decides_says_so_and_bounds_the_others(tmp_path, monkeypatch, capfd):
