@@ -174,7 +174,7 @@ def test_processes_that_make_code_have_an_allowance_for_it():
     assert without == {
         ("fmu", "LIMIT"),  # native code that its author has compiled
         ("submission", "CPU_LIMIT"),  # a submission's limit holds for all (docs/trust.md)
-        ("clouds", "1e8"),  # no limit
+        ("clouds", "100000000.0"),  # no limit
     }
 
 
