@@ -17,8 +17,6 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.code_meter import code_seconds_of_tree
 from mbsbench.harness.execution import worker
 
-from ..misbehaving import Exact
-
 CLOCK = 0.03  # [s] by which sums of clock readings of a call may differ: refuses, call and checks are read apart
 MODULE = "mbsbench.tests.harness.execution.cold_calls"
 OURS = sorted(path.stem for path in Path(solvers.__file__).parent.glob("[!_]*.py"))  # not engines
@@ -88,7 +86,7 @@ def test_the_process_was_cold(calls):
 
 def free_fall():
     """A call without code of its own."""
-    return registry.make_problem("free_fall", {}), Exact(), StepControl(dt=0.1)
+    return registry.make_problem("free_fall", {}), registry.make_solver("exact", {}), StepControl(dt=0.1)
 
 
 def test_calls_listen_to_numba_before_their_clocks_start(monkeypatch):
