@@ -1,9 +1,9 @@
-"""The meter of code: CPU time of printing, compiling, linking and loading it, which is no time of a solver's.
+"""Measure the CPU time of making code (printing, compiling, linking, loading), which no time of a solver contains.
 
-It takes tens of seconds where nothing is kept on disk and milliseconds where all is, and says nothing about a method.
-Whatever of ours makes code does so in ``making_code``; what numba compiles or loads by itself, for a plugin too, is
-known by numba's own events. The meter of a process counts the time of the threads that make code, and tells it to the
-process that keeps its limits.
+Making code takes tens of seconds with empty caches and milliseconds with full ones, and says nothing about a method.
+Our own functions that make code do so within ``making_code``; numba's events report what numba compiles or loads, for
+plugins as well. Each process adds up the time of its threads that make code and reports it to the parent that keeps its
+limits. The report is the child's own word; the parent bounds it by the CPU time that it has measured.
 """
 
 import contextlib
@@ -25,37 +25,68 @@ from .clock import cpu_seconds
 CODE_LIMIT = 600.0  # [s] of CPU for the code of one run: all of ours, made anew, takes a tenth of that
 PACKAGE = __name__.split(".")[0]
 UNSETTLED = 0.2  # [s] of making code: a collection takes up to as long
-SLOTS = 4  # processes above one another that tell their times in one page
-Made = TypeVar("Made", bound=Callable[..., Any])
+SLOTS = 4  # nested processes that report to one page
+HARD = 5  # [s] between the limit at which the system asks a process to end, and that at which it ends it
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class CodePage:
-    """Memory shared with a child, in which that tells what it has made [s], and when the making that goes on began."""
+    """Memory shared with a child and its children, to which each reports its time of making code in its own slot."""
 
     def __init__(self) -> None:
         self._numbers = memoryview(mmap.mmap(-1, 16 * SLOTS)).cast("d")
         for slot in range(SLOTS):
-            self.tell(slot, 0.0)
+            self.report(slot, 0.0)
 
-    def tell(self, slot: int, made: float, since: float = -1.0) -> None:
-        """``since`` [s of the child's CPU time] is when it began to make code; negative: it makes none."""
-        self._numbers[2 * slot], self._numbers[2 * slot + 1] = made, since
+    def report(self, slot: int, seconds: float, since: float = -1.0) -> None:
+        """Report the time [s] of closed blocks, and the process's CPU time ``since`` which one is open (-1: none)."""
+        self._numbers[2 * slot], self._numbers[2 * slot + 1] = seconds, since
 
-    def seconds(self, used: float, first: int = 0) -> float:
-        """CPU time of making code of the processes from slot ``first`` on, which have used ``used`` [s] together."""
-        total = 0.0
-        for slot in range(first, SLOTS):
-            made, since = self._numbers[2 * slot : 2 * slot + 2].tolist()
-            total += (made if made >= 0.0 else 0.0) + (max(used - since, 0.0) if since >= 0.0 else 0.0)
-        return total
+    def read(self, slot: int) -> tuple[float, float]:
+        """Return what the process in ``slot`` reports, as it reports it."""
+        seconds, since = self._numbers[2 * slot : 2 * slot + 2].tolist()
+        return seconds, since
 
     def is_making(self, first: int = 0) -> bool:
+        """Whether a process from slot ``first`` on makes code just now, or did so when it ended."""
+        return any(self.read(slot)[1] >= 0.0 for slot in range(first, SLOTS))
+
+
+class CodeReading:
+    """A parent's reading of a page: the time of making code of its child and of the processes below it."""
+
+    def __init__(self, page: CodePage, first: int = 0) -> None:
+        """Read the slots from ``first`` on."""
+        self.page, self.first = page, first
+        self._used = 0.0  # [s] at the last reading
+        self._open = dict[int, tuple[float, float]]()  # by slot: since when a block is open, and ``used`` before it
+
+    def seconds(self, used: float) -> float:
+        """Return the time [s] of making code by processes that have used ``used`` [s] of CPU time together.
+
+        Of an open block it counts what they have used since the reading before the block, and no more than since the
+        block's process was as old as it reports: ``used`` also holds what other processes used earlier.
+        """
+        total = 0.0
+        for slot in range(self.first, SLOTS):
+            seconds, since = self.page.read(slot)
+            total += seconds if seconds >= 0.0 else 0.0
+            if not since >= 0.0:
+                self._open.pop(slot, None)
+                continue
+            if self._open.get(slot, (-1.0, 0.0))[0] != since:
+                self._open[slot] = since, self._used
+            total += max(used - max(since, self._open[slot][1]), 0.0)
+        self._used = used
+        return total
+
+    def is_making(self) -> bool:
         """Whether one of them makes code just now, or did so when it ended."""
-        return any(self._numbers[2 * slot + 1] >= 0.0 for slot in range(first, SLOTS))
+        return self.page.is_making(self.first)
 
 
-class _Here(threading.local):
-    """Of one thread: blocks that are open, and its time when the first was opened."""
+class _Thread(threading.local):
+    """The blocks that a thread has open, and its CPU time when it opened the first."""
 
     depth = 0
     began = 0.0
@@ -63,57 +94,57 @@ class _Here(threading.local):
 
 @dataclass
 class _Process:
-    """The meter of this process: only what is made here and now."""
+    """The meter of this process."""
 
-    made: float = 0.0  # [s] in blocks that are closed
-    made_below: float = 0.0  # [s] by processes that it has started
+    closed: float = 0.0  # [s] in blocks that are closed
+    below: float = 0.0  # [s] by processes that it has started
     page: CodePage | None = None
     slot: int = 0
-    settled: float = 0.0  # [s] of it whose garbage has been collected
+    collected: float = 0.0  # [s] of ``closed`` whose garbage has been collected
     soft_limit: int = 0  # [s] of CPU at which the system ends this process, code left out; 0: none
     lock: Any = field(default_factory=threading.Lock)
 
 
-_here, _process = _Here(), _Process()
+_thread, _process = _Thread(), _Process()
 
 
 def _start_anew() -> None:
-    """In a forked child, whose CPU time begins at zero, too."""
-    global _here, _process
-    _here, _process = _Here(), _Process()
+    """Set the meter of a forked child to zero, where its CPU time begins, too."""
+    global _thread, _process
+    _thread, _process = _Thread(), _Process()
 
 
 os.register_at_fork(after_in_child=_start_anew)
 
 
 def _open() -> None:
-    _here.depth += 1
-    if _here.depth == 1:
-        _here.began = time.thread_time()
+    _thread.depth += 1
+    if _thread.depth == 1:
+        _thread.began = time.thread_time()
         if _process.page:
-            _process.page.tell(_process.slot, _process.made + _process.made_below, cpu_seconds())
+            _process.page.report(_process.slot, _process.closed + _process.below, cpu_seconds())
         _move_limit(making=True)
 
 
 def _close() -> None:
-    if _here.depth == 1:
+    if _thread.depth == 1:
         with _process.lock:
-            _process.made += time.thread_time() - _here.began
+            _process.closed += time.thread_time() - _thread.began
         if _process.page:
-            _process.page.tell(_process.slot, _process.made + _process.made_below)
+            _process.page.report(_process.slot, _process.closed + _process.below)
         _move_limit(making=False)
-    _here.depth = max(_here.depth - 1, 0)
+    _thread.depth = max(_thread.depth - 1, 0)
 
 
 def _check(space: dict[str, Any]) -> None:
-    """Only the harness and its own solvers say what makes code; a plugin that gets round this is bounded and shown."""
+    """Raise RuntimeError unless the caller is of this package: a plugin returns ``setup_time`` instead."""
     caller = str(space.get("__name__", ""))
     if caller.split(".")[0] != PACKAGE:
         raise RuntimeError(f"making_code is for {PACKAGE} itself: return setup_time instead (called by {caller})")
 
 
 class _MakingCode:
-    """``with making_code:`` or ``@making_code``: what is done inside is no time of the solver's."""
+    """Count CPU time as that of making code, not of the solver: ``with making_code:`` or ``@making_code``."""
 
     def __enter__(self) -> None:
         _check(sys._getframe(1).f_globals)
@@ -122,7 +153,7 @@ class _MakingCode:
     def __exit__(self, *exception: object) -> None:
         _close()
 
-    def __call__(self, function: Made) -> Made:
+    def __call__(self, function: Function) -> Function:
         _check(sys._getframe(1).f_globals)
 
         @wraps(function)
@@ -130,55 +161,60 @@ class _MakingCode:
             with making_code:
                 return function(*given, **named)
 
-        return cast(Made, make)
+        return cast(Function, make)
 
 
 making_code = _MakingCode()
 
 
 def settle() -> None:
-    """Collect what compilers have left in memory, as part of making code: else it is done in the time of a solver."""
-    if _process.made - _process.settled > UNSETTLED:
+    """Collect the garbage of compilers as part of making code; otherwise it is collected in the time of a solver."""
+    if _process.closed - _process.collected > UNSETTLED:
         with making_code:
             gc.collect()
-        _process.settled = _process.made
+        _process.collected = _process.closed
 
 
 def is_making_code() -> bool:
     """Whether this thread is making code."""
-    return _here.depth > 0
+    return _thread.depth > 0
 
 
 def code_seconds() -> float:
-    """CPU time [s] of making code in this process so far."""
-    return _process.made + (time.thread_time() - _here.began if _here.depth else 0.0)
+    """Return the CPU time [s] of making code in this process so far."""
+    return _process.closed + (time.thread_time() - _thread.began if _thread.depth else 0.0)
 
 
 def code_seconds_of_tree() -> float:
-    """The same with what processes below it have made for it, as ``add_code_below`` was told."""
-    return code_seconds() + _process.made_below
+    """Return the same with the time of processes below this one that ``add_code_below`` has added."""
+    return code_seconds() + _process.below
 
 
 def add_code_below(seconds: float) -> None:
-    """Count CPU time [s] that a process below this one took to make code; call within ``making_code``."""
-    _process.made_below += seconds
+    """Add CPU time [s] that a process below this one took to make code, and report it to the parent.
+
+    Within a block the parent counts that time already, and the block's end reports it.
+    """
+    _process.below += seconds
+    if _process.page and not _thread.depth:
+        _process.page.report(_process.slot, _process.closed + _process.below)
 
 
 def solver_seconds() -> float:
-    """CPU time [s] of this process without that of making code: a clock that stands still meanwhile."""
+    """Return the CPU time [s] of this process without that of making code: a clock that stops meanwhile."""
     return cpu_seconds() - code_seconds()
 
 
 @dataclass
 class Stopwatch:
-    """CPU time since it was made: of the solver, and of making code."""
+    """A watch, started when it is constructed, of CPU time of the solver and of making code."""
 
     solver_began: float = field(default_factory=solver_seconds)
     code_began: float = field(default_factory=code_seconds)
 
     @property
     def solver(self) -> float:
-        """CPU time [s] without code."""
+        """CPU time [s] without making code."""
         return solver_seconds() - self.solver_began
 
     @property
@@ -188,7 +224,9 @@ class Stopwatch:
 
 
 def listen_to_numba() -> None:
-    """Count what numba compiles, or loads from its cache, whoever has asked for it; loads numba."""
+    """Count what numba compiles or loads from its cache, for plugins as well. The first call imports numba."""
+    if _listening:
+        return
     from numba.core import event
 
     class Listener(event.Listener):  # type: ignore[misc]
@@ -198,42 +236,38 @@ def listen_to_numba() -> None:
         def on_end(self, event: Any) -> None:
             _close()
 
-    if not _listening:
-        _listening.append(Listener())
-        for kind in ("numba:compile", "numba:compiler_lock"):  # the lock is held while code is loaded, too
-            event.register(kind, _listening[0])
+    _listening.append(Listener())
+    for kind in ("numba:compile", "numba:compiler_lock"):  # the lock is held while code is loaded, too
+        event.register(kind, _listening[0])
 
 
 _listening: list[Any] = []
 
 
 def page_for_child() -> tuple[CodePage, int]:
-    """A page and a slot in it for a child of this process: the page that this one itself reports to, if it does."""
+    """Return a page and a slot for a child of this process: the page to which this one itself reports, if any."""
     below = _process.slot + 1
     page, slot = (_process.page, below) if _process.page and below < SLOTS else (CodePage(), 0)
-    page.tell(slot, 0.0)
+    page.report(slot, 0.0)
     return page, slot
 
 
 def report_to(page: CodePage, slot: int) -> None:
-    """Tell there what this process makes from now on."""
+    """Report to ``page`` what this process takes to make code from now on."""
     _process.page, _process.slot = page, slot
 
 
 def leave_code_out_of(soft_limit: float) -> None:
-    """Let the system end this process at ``soft_limit`` [s] of CPU time, besides what it takes to make code."""
+    """Let the system end this process at ``soft_limit`` [s] of CPU time, that of making code left out."""
     _process.soft_limit = math.ceil(soft_limit - code_seconds())
     _move_limit(making=is_making_code())
 
 
-HARD = 5  # [s] between the limit at which the system asks a process to end, and that at which it ends it
-
-
 def _move_limit(*, making: bool) -> None:
-    """Set the system's soft limit: at the hard one while code is made, else at the solver's own."""
+    """Set the system's soft limit to the hard one while code is made, else to the solver's own."""
     if _process.soft_limit:
         with contextlib.suppress(ValueError, OSError):  # a plugin has changed it
             hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
             most = hard - HARD
-            soft = most if making else min(most, _process.soft_limit + math.ceil(_process.made))
+            soft = most if making else min(most, _process.soft_limit + math.ceil(_process.closed))
             resource.setrlimit(resource.RLIMIT_CPU, (soft, hard))

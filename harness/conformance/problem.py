@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..mechanics.consistency import InconsistentStart
 from ..results.findings import Finding, fail, leave_open
 from ..sandbox.apart import Apart
@@ -25,7 +26,7 @@ MEMORY = 2000.0  # [MB]
 
 def check_problem(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
     """Every requirement on the problem ``name``; its code runs elsewhere."""
-    ended = Apart(lambda send: _measure(name, plugins, send), limit=LIMIT, memory=MEMORY).wait()
+    ended = Apart(lambda send: _measure(name, plugins, send), limit=LIMIT, memory=MEMORY, code=CODE_LIMIT).wait()
     found = [msgspec.convert(json.loads(line), Finding) for line in ended.sent.splitlines()]
     words = f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} here"
     for _ in REQUIREMENTS[len(found) :]:

@@ -48,8 +48,10 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
         if handover is None:
             return _salvage(job, problem, bare)
         about: dict[str, Any] = {"peak_memory_MB": bare.peak_memory_MB, "cpu_process_s": bare.cpu_process_s}
+        if not math.isnan(bare.code_s):  # its parent's meter goes before the solver's own words
+            about["code_s"] = bare.code_s
         if handover.report.claimed is None:
-            known = {"code_s": bare.code_s, **handover.columns, **about}
+            known = {**handover.columns, **about}
             failed = cut_short(job, handover.report.by, message=handover.report.message, **known)
             return _salvage(job, problem, dataclasses.replace(failed, section=problem.section, t_end_s=problem.t_end))
         if bare.ended_by == EndedBy.SUSPENDED and handover.report.claimed is Status.STALLED:
@@ -113,7 +115,8 @@ def judge_motion(
 ) -> tuple[RunRecord, Measured]:
     """Measure and judge a motion.
 
-    A solver that stopped before its limit on steps, having used up its CPU time (``spent`` [s]), did not finish here.
+    A solver that stopped before its limit on steps, having used up its CPU time (``spent`` [s]), did not finish here;
+    ``spent`` holds the time of making code, which no limit counts.
     """
     measured = measure(problem, trajectory)
     numbers = columns(problem, trajectory, measured)

@@ -14,7 +14,7 @@ from ..results.store import path_of, write_record
 from ..sandbox.apart import SLACK
 from ..types import EndedBy
 from .job import Job, cut_short
-from .protocol import Lost, Made, News, Start, Stop, Supervised, Warm, Warmed
+from .protocol import CodeTime, Lost, News, Start, Stop, Supervised, Warm, Warmed
 from .warmup import jobs_by_motion, runs_to_warm
 
 TICK = 0.25  # [s] between two looks at the clock
@@ -36,7 +36,7 @@ class TimeLimit:
     until: float = math.inf  # of time.monotonic()
     process: int = 0  # below which all runs are
     most: float = math.inf  # [s] of CPU that it and all below it may have taken
-    made: float = 0.0  # [s] of making code before
+    code_before: float = 0.0  # [s] of making code before it began
 
     def start(self, process: int = 0, size: int = 1) -> "TimeLimit":
         """The clock runs; with the supervisor ``process`` of ``size`` runs at a time that on CPU time."""
@@ -47,7 +47,7 @@ class TimeLimit:
     @property
     def is_over(self) -> bool:
         """Whether either is over."""
-        code = code_seconds_of_tree() - self.made
+        code = code_seconds_of_tree() - self.code_before
         late = time.monotonic() > self.until + SLACK * code
         return late or (math.isfinite(self.most) and cpu_seconds_below(self.process) > self.most + code)
 
@@ -67,7 +67,7 @@ class LocalPool:
     _attempts: dict[str, int] = field(default_factory=dict)
     _limit: TimeLimit | None = None
     _stopped: bool = False
-    _made: float = 0.0
+    _code_seconds: float = 0.0
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
@@ -98,7 +98,7 @@ class LocalPool:
 
     def _serve(self, waiting: list[Job]) -> int | None:
         """One supervisor's life; None when all is done, else its exit code."""
-        supervisor, self._made = Supervised(self.environ), 0.0
+        supervisor, self._code_seconds = Supervised(self.environ), 0.0
         try:
             first = waiting[::-1]
             if first:  # before any clock runs
@@ -139,9 +139,9 @@ class LocalPool:
         supervisor.send(Start(job))
 
     def _receive(self, news: News, supervisor: int) -> None:
-        if isinstance(news, Made):
-            add_code_below(news.seconds - self._made)
-            self._made = news.seconds
+        if isinstance(news, CodeTime):
+            add_code_below(news.seconds - self._code_seconds)
+            self._code_seconds = news.seconds
             return
         if isinstance(news, Warmed):
             self.on_warmup(news.times, news.references)

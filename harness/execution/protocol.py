@@ -52,14 +52,14 @@ class Done(Message, frozen=True):
     error: str = ""
 
 
-class Made(Message, frozen=True):
+class CodeTime(Message, frozen=True):
     """CPU time [s] that warm-up and the code of runs have taken so far, which no budget counts."""
 
     seconds: float
 
 
 Order = Warm | Start | Stop
-News = Warmed | Done | Made
+News = Warmed | Done | CodeTime
 
 
 def line_of(message: Message) -> bytes:

@@ -24,7 +24,7 @@ from ..results.records import RunRecord
 from ..sandbox.apart import Ended
 from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out
 from .job import Job
-from .protocol import Done, Made, Order, Reader, Start, Stop, Warm, Warmed, line_of
+from .protocol import CodeTime, Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
 from .run import Run, run_and_store, store_outcome, words_of
 from .warmup import references_apart, warm_apart_then_here
 
@@ -37,7 +37,7 @@ class Supervisor:
 
     def __init__(self) -> None:
         self.running: dict[int, Run] = {}  # by process
-        self.made_before = 0.0  # [s] of CPU in warm-up, and for code of runs that have ended
+        self.code_before = 0.0  # [s] of CPU in warm-up, and for code of runs that have ended
 
     def start(self, job: Job) -> None:
         """Fork the process of the run."""
@@ -52,7 +52,7 @@ class Supervisor:
         for run in list(self.running.values()):
             if (ended := run.look()) is not None:
                 del self.running[run.pid]
-                self.made_before += ended.code_s
+                self.code_before += ended.code_s
                 end_orphans(self.running)
                 if (done := self._finish(run, ended)) is not None:
                     yield done
@@ -72,9 +72,9 @@ class Supervisor:
         return Done(job.id)
 
     @property
-    def made(self) -> float:
+    def code_seconds(self) -> float:
         """CPU time [s] that no budget counts."""
-        return self.made_before + sum(run.code_seconds for run in self.running.values())
+        return self.code_before + sum(run.code_seconds for run in self.running.values())
 
     def stop(self) -> None:
         """End every running run: the suite has met its limit. Each gets a record, with the steps it had kept."""
@@ -107,8 +107,8 @@ def serve(orders: int, news: int) -> None:
         while True:
             for done in list(supervisor.step(POLL if supervisor.running else 3600.0, (orders,))):
                 os.write(news, line_of(done))
-            if supervisor.made > told + NEWS:
-                os.write(news, line_of(Made(told := supervisor.made)))
+            if supervisor.code_seconds > told + NEWS:
+                os.write(news, line_of(CodeTime(told := supervisor.code_seconds)))
             try:
                 chunk = os.read(orders, 2**16)
             except BlockingIOError:
@@ -125,8 +125,8 @@ def serve(orders: int, news: int) -> None:
                         warm_apart_then_here(
                             specs, lambda: _is_closed(orders), lambda times: os.write(news, line_of(Warmed(times, {})))
                         )
-                        supervisor.made_before += cpu_seconds_below(os.getpid()) - before
-                        os.write(news, line_of(Made(told := supervisor.made)))
+                        supervisor.code_before += cpu_seconds_below(os.getpid()) - before
+                        os.write(news, line_of(CodeTime(told := supervisor.code_seconds)))
                         os.write(news, line_of(Warmed({}, {}, over=True)))
                     case Stop():
                         supervisor.stop()

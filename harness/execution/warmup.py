@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..reference.computation import LARGEST, reference_of
 from ..results.naming import format_name
 from ..sandbox.apart import TICK, Apart
@@ -22,7 +23,7 @@ from ..suites.spec import RunSpec
 from ..types import Problem
 from .job import Job
 
-LIMIT = 600.0  # [s] for a solver, counted in no run: a cold compiler needs half a minute for the kernels
+LIMIT = 600.0  # [s] for a solver, counted in no run, without making code
 MEMORY = 4000.0  # [MB]
 STEPS = 2  # of fixed size
 ABREAST = 1 + (os.cpu_count() or 1)  # processes: one may wait for kernels that another is compiling
@@ -120,9 +121,14 @@ def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda:
             send(json.dumps({name: time.monotonic() - began}))
 
     times: dict[str, float] = {}
-    for line in Apart(run, limit=6.0 * LARGEST * max(len(jobs), 1), memory=MEMORY).wait(unwanted).sent.splitlines():
+    limit = 6.0 * LARGEST * max(len(jobs), 1)
+    for line in Apart(run, limit=limit, memory=MEMORY, code=CODE_LIMIT).wait(unwanted).sent.splitlines():
         times |= json.loads(line)
     return times
+
+
+def _warming(spec: RunSpec) -> Callable[[Callable[[str], None]], None]:
+    return lambda send: send(json.dumps(warm([spec])))
 
 
 def warm_apart_then_here(
@@ -140,7 +146,7 @@ def warm_apart_then_here(
         while (waiting or going) and not unwanted():
             while waiting and len(going) < ABREAST:
                 spec = waiting.pop()
-                process = Apart(lambda send, spec=spec: send(json.dumps(warm([spec]))), limit=LIMIT, memory=MEMORY)  # type: ignore[misc]
+                process = Apart(_warming(spec), limit=LIMIT, memory=MEMORY, code=CODE_LIMIT)
                 going[process] = spec
             select.select([p.pipe for p in going if not p.closed_at], [], [], TICK)
             for process in list(going):

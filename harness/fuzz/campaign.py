@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..sandbox.apart import TICK, Apart, Ended
 from .drawing import draw_mechanism
@@ -102,7 +103,7 @@ def _begin(settings: Settings, chunk: Sequence[Pair]) -> Apart:
             found = replace(oracle.examine(solver, registry.make_solver(solver, settings.options)), number=number)
             send(msgspec.json.encode(found).decode())
 
-    return Apart(target, limit=60.0 + CPU * len(chunk), memory=MEMORY)
+    return Apart(target, limit=60.0 + CPU * len(chunk), memory=MEMORY, code=CODE_LIMIT)
 
 
 def _crash(pair: Pair, ended: Ended) -> Outcome:

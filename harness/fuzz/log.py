@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..files import FileError, read_text, write_text
 from ..results.codes import package_sources
 from ..sandbox.apart import Apart
@@ -75,7 +76,7 @@ def ask_second_route(trial: Trial) -> Trial:
         oracle = settings.oracle(found.number)
         send(json.dumps(oracle.decide(found.solver, registry.make_solver(found.solver, settings.options))))
 
-    sent = Apart(target, limit=CPU, memory=MEMORY).wait().sent
+    sent = Apart(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent
     verdict, evidence = json.loads(sent) if sent else (Verdict.UNDECIDABLE, "the second route did not answer")
     return replace(trial, verdict=Verdict(verdict), evidence=evidence)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 import msgspec
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..sandbox.apart import Apart
 from .campaign import MEMORY, Settings
 from .cases import Case
@@ -43,7 +44,7 @@ def make_case(settings: Settings, found: Outcome) -> Case:
         case = Case(outcome, smallest.mechanism, smallest.form, verdict, evidence, options, floor, "", ends, notes)
         send(msgspec.json.encode(case).decode())
 
-    if sent := Apart(target, limit=CPU, memory=MEMORY).wait().sent:
+    if sent := Apart(target, limit=CPU, memory=MEMORY, code=CODE_LIMIT).wait().sent:
         return msgspec.json.decode(sent, type=Case)
     return Case(found, first.mechanism, first.form, None, "", options, floor)
 

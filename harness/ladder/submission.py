@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..execution import handover
 from ..execution.contract import repeated_cost
 from ..execution.handover import LARGEST, Handover, SolverReport
@@ -39,7 +40,7 @@ from ..types import EndedBy, Problem, StepControl
 from .blind import OUT, Task, hide_problem, shut_in
 from .instances import KINDS, STEPS, Instance, Kind, digest_of, draw_instances
 
-CPU_LIMIT = 20.0  # [s] of a run, import included
+CPU_LIMIT = 20.0  # [s] of a run: import included, and making code but for solvers of the catalogue
 MEMORY = 2000.0  # [MB]
 MEASURE_LIMIT = 120.0  # [s]
 REPEATS = 3  # of the whole process, each with its own import: the spread of its cost
@@ -77,7 +78,7 @@ def read_submission(given: str) -> Submission:
         send(json.dumps([[name, registry.solvers()[name].control, fenced] for name in found]))
 
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
-        ended = Apart(look, limit=CPU_LIMIT, memory=MEMORY).wait()
+        ended = Apart(look, limit=CPU_LIMIT, memory=MEMORY).wait()  # all counts, as in each of its runs
     try:
         ((name, control, fenced),) = json.loads(ended.sent)
         if name in known or control not in STEPS or not str(name).isidentifier():
@@ -178,7 +179,8 @@ def _measure_apart(run: _Run) -> RunRecord:
             orbit.FOLDER = Path(place)
             send(records.to_json(_measure(run)).replace("\n", " "))
 
-    ended = Apart(work, limit=MEASURE_LIMIT, memory=MEMORY, stderr=run.job.spool.sibling("measuring.txt")).wait()
+    native = run.job.spool.sibling("measuring.txt")
+    ended = Apart(work, limit=MEASURE_LIMIT, memory=MEMORY, stderr=native, code=CODE_LIMIT).wait()
     if ended.code == 0:
         return records.from_json(ended.sent)
     record = record_unfinished(run.job, ended, math.nan, EndedBy.MEASURE_LIMIT, MEASURE_LIMIT)
@@ -187,7 +189,10 @@ def _measure_apart(run: _Run) -> RunRecord:
 
 
 def _measure(run: _Run) -> RunRecord:
-    """Judge what was handed over in the terms of the instance; its cost is all that its process took."""
+    """Judge what was handed over in the terms of the instance; its cost is all that its process took.
+
+    That includes making code, since a submission's own process meters it and could call anything by that name.
+    """
     job, ended = run.job, run.ended[-1]
     problem = _problem(job)
     trim(job.stderr)

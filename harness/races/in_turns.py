@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..execution.presenting import present_solver
 from ..execution.worker import solve_repeatedly
 from ..results import store
@@ -80,7 +81,7 @@ def _time_apart(
             os.chdir(place)  # engines leave files
             send(json.dumps(take_turns(runs, turns, budget)))
 
-        ended = Apart(target, limit=LIMIT, memory=MEMORY, wall=math.inf, stderr=native).wait()
+        ended = Apart(target, limit=LIMIT, memory=MEMORY, wall=math.inf, stderr=native, code=CODE_LIMIT).wait()
         if ended.code == 0 and ended.sent:
             return json.loads(ended.sent), ""
         last = native.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]

@@ -164,7 +164,8 @@ class RunRecord:
     )
     setup_s: float = column("CPU time of import, refuses, set-up and compilation of the first run, not in cpu_*")
     code_s: float = column(
-        "CPU time of making and loading code, part of setup_s and, of the others, of cpu_process_s alone"
+        "CPU time of making and loading code in the run's process, repeats included: part of cpu_process_s and, in "
+        "the first call, of setup_s; no other CPU time contains it"
     )
     cpu_import_s: float = column("CPU time of importing the plugin, part of setup_s")
     cpu_refuses_s: float = column("CPU time of asking the solver whether it refuses, part of setup_s")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 
 from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below
-from ..code_meter import CodePage, page_for_child, report_to
+from ..code_meter import CodePage, CodeReading, listen_to_numba, page_for_child, report_to
 from ..places import Place
 from .isolation import PATIENCE, Target, end_descendants, fork, kill_descendants, kill_group
 
@@ -40,7 +40,7 @@ class Ended:
     suspended: bool = False  # time passed in which nobody looked: its clocks say little
     cpu: float = math.inf  # [s] of all its threads, and of all that it started, in whatever session
     over: Limit = ""  # the limit at which it was killed
-    code_s: float = 0.0  # [s] of ``cpu`` that making code took, as it said itself
+    code_s: float = 0.0  # [s] that making code took, as its meter reported, at most ``cpu``
 
     @property
     def words(self) -> str:
@@ -60,14 +60,16 @@ class Apart:
 
         After ``wall`` [s] it is killed, too: a safety net for what waits without end, ``SLACK`` times the limit unless
         given. What a busy machine slows down stays within it. ``above`` names who ends what it leaves: a keeper, this
-        process (which has adopted orphans, and has no other children), or the process itself. What it says it takes to
-        make code is left out of both limits, up to ``code`` [s], which is a limit of its own.
+        process (which has adopted orphans, and has no other children), or the process itself. The time of making code
+        that its meter reports is left out of both limits, up to ``code`` [s], which is a limit of its own.
         """
         self.above, self.code = above, code
-        self._page, self._slot = page, slot = page_for_child() if code else (CodePage(), 0)
+        page, slot = page_for_child() if code else (CodePage(), 0)
+        self._reading = CodeReading(page, slot)
 
         def begin(send: Callable[[str], None]) -> object:
             if code:
+                listen_to_numba()
                 report_to(page, slot)
             return target(send)
 
@@ -115,15 +117,15 @@ class Apart:
         code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss * MAXRSS
         left = end_descendants()[1] if self.above == "here" else 0.0
         cpu = max(usage.ru_utime + usage.ru_stime + left, sum(self.used.values()))
-        if code == -signal.SIGXCPU and self._page.is_making(self._slot):
+        if code == -signal.SIGXCPU and self._reading.is_making():
             self.over = "code"
-        made = self._page.seconds(cpu, self._slot)
-        return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over, made)
+        code_s = min(self._reading.seconds(cpu), cpu)
+        return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over, code_s)
 
     @property
     def code_seconds(self) -> float:
-        """CPU time [s] of making code, as it says itself."""
-        return self._page.seconds(self._used, self._slot)
+        """CPU time [s] of making code, as its meter reports, and no more than it has used as far as that is known."""
+        return min(self._reading.seconds(self._used), self._used or 2.0 * self.code)
 
     def _check_limits(self, now: float) -> None:
         """On the sum over its tree: the limit that the system keeps is on each process."""
@@ -131,15 +133,15 @@ class Apart:
             if now > self._killed_at + 2.0 * PATIENCE:
                 kill_group(self.pid)
             return
-        if now > self._next and math.isfinite(self.limit):
+        if now > self._next and (math.isfinite(self.limit) or self.code):
             self._next = now + EVERY
             self.used |= cpu_by_process(self.root)
             own = cpu_seconds() if self.above == "here" else 0.0
             used = max(sum(self.used.values()), cpu_seconds_below(self.root) - own)  # who waited knows short children
             self._used = used
-        made = self.code_seconds
-        solving, late = self._used - made, self.deadline + SLACK * min(made, self.code)
-        self.over = "code" if made > self.code + 1.0 else "cpu" if solving > self.limit + 1.0 else ""
+        code_s = self.code_seconds
+        solving, late = self._used - code_s, self.deadline + SLACK * min(code_s, self.code)
+        self.over = "code" if code_s > self.code + 1.0 else "cpu" if solving > self.limit + 1.0 else ""
         self.over = "wall" if now > late else self.over
         if self.over:
             self.kill()

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from ..catalogue import registry
+from ..code_meter import CODE_LIMIT
 from ..types import Problem
 from .apart import Apart
 
@@ -54,7 +55,7 @@ def _try_elsewhere(what: str, attempt: Callable[[], object]) -> str:
             complaint = _describe_error(what, error)
         send(json.dumps(complaint))
 
-    ended = Apart(run, limit=LIMIT, memory=MEMORY).wait()
+    ended = Apart(run, limit=LIMIT, memory=MEMORY, code=CODE_LIMIT).wait()
     if ended.sent:
         return str(json.loads(ended.sent))
     late = ended.killed or ended.code == -signal.SIGXCPU

@@ -15,9 +15,11 @@ import numba.core.event
 
 from mbsbench import Problem, StepControl, Trajectory, option, solver
 from mbsbench.harness import code_meter
+from mbsbench.harness.execution import worker
 from mbsbench.tests.harness.misbehaving import Exact
 
 WORK = 0.3  # [s] of CPU that the motion is said to need
+ABSURD = 1e5  # [s]: more than any run takes
 MUCH = 1.8  # [s] where the system itself does not account for it, and it is looked at from outside, now and then
 
 
@@ -58,6 +60,12 @@ def _compile() -> Callable[[float], float]:
     return fourth  # type: ignore[no-any-return]
 
 
+def report_code(seconds: float) -> None:
+    """Hand over ``code_s`` of that many seconds, whatever the meter has counted."""
+    exact = worker._exact
+    worker._exact = lambda cost: exact({**cost, "code_s": seconds})
+
+
 DONE: set[int] = set()  # processes in which the work was done already
 
 
@@ -69,7 +77,7 @@ class Cheats(Exact):
     where: str = option(
         "call", "where it works",
         choices=("call", "refuses", "daemon", "daemon_in_refuses", "child", "disowned", "clocks", "half", "set_up",
-                 "first", "file", "block", "numba_event", "compiler"),
+                 "first", "file", "block", "numba_event", "compiler", "report", "absurd_report"),
     )  # fmt: skip
 
     def refuses(self, p: Problem, control: StepControl) -> str | None:
@@ -100,6 +108,11 @@ class Cheats(Exact):
         if self.where == "compiler":
             _compile()(1.0)
             work()
+        if self.where == "report":
+            work()
+            report_code(WORK)
+        if self.where == "absurd_report":
+            report_code(ABSURD)
         if self.where == "clocks":
             work(MUCH)
         if self.where == "daemon":

@@ -1,18 +1,22 @@
 """The meter of code counts what is made, once, where it is made; the clock of solvers stands still meanwhile."""
 
+import ast
 import contextlib
 import math
 import resource
 import signal
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from mbsbench.harness import code_meter
 from mbsbench.harness.code_meter import (
     CodePage,
+    CodeReading,
     Stopwatch,
+    add_code_below,
     code_seconds,
     is_making_code,
     listen_to_numba,
@@ -112,17 +116,78 @@ def test_others_may_not_use_the_meter():
 def test_a_page_tells_what_is_made_while_it_is_made():
     """What a process has used since it began to make code is for code; nonsense is nothing, or over every limit."""
     page = CodePage()
-    page.tell(0, 3.0)
-    assert page.seconds(100.0) == 3.0 and not page.is_making()
-    page.tell(0, 3.0, since=4.0)
-    assert page.seconds(10.0) == 9.0 and page.is_making()
-    page.tell(1, 1.0)
-    assert page.seconds(10.0) == 10.0 and page.seconds(10.0, first=1) == 1.0
+    whole, below = CodeReading(page), CodeReading(page, 1)
+    page.report(0, 3.0)
+    assert whole.seconds(3.5) == 3.0 and not whole.is_making()
+    page.report(0, 3.0, since=4.0)
+    assert whole.seconds(10.0) == 9.0 and whole.is_making()
+    page.report(1, 1.0)
+    assert whole.seconds(10.0) == 10.0 and below.seconds(10.0) == 1.0
     for nonsense in (math.nan, -1.0):
-        page.tell(1, nonsense, since=nonsense)
-        assert page.seconds(10.0, first=1) == 0.0
-    page.tell(1, math.inf)
-    assert page.seconds(10.0, first=1) == math.inf
+        page.report(1, nonsense, since=nonsense)
+        assert below.seconds(10.0) == 0.0
+    page.report(1, math.inf)
+    assert below.seconds(10.0) == math.inf
+
+
+def test_an_open_block_holds_nothing_that_other_processes_used_before_it():
+    """A young process begins to make code once its elder has used a minute: it has taken what is used from then on."""
+    page = CodePage()
+    reading = CodeReading(page)
+    assert reading.seconds(60.0) == 0.0
+    page.report(1, 0.0, since=0.1)
+    assert reading.seconds(60.5) == 0.5 and reading.seconds(62.0) == 2.0
+    page.report(1, 1.9)
+    assert reading.seconds(62.5) == 1.9
+    page.report(1, 1.9, since=2.5)
+    assert reading.seconds(63.0) == pytest.approx(1.9 + 0.5)
+
+
+def test_code_made_below_is_reported_at_once(monkeypatch):
+    """Not at the end of the next block, which may never come."""
+    page, slot = page_for_child()
+    monkeypatch.setattr(code_meter, "_process", code_meter._Process(page=page, slot=slot))
+    add_code_below(2.0)
+    assert CodeReading(page).seconds(10.0) == 2.0
+
+
+@pytest.mark.parametrize("how", ["reports", "ends while it makes code"])
+def test_code_takes_no_more_than_the_process(how):
+    """By what the system counts, whatever the process says of itself."""
+
+    def target(send):
+        page, slot = code_meter._process.page, code_meter._process.slot
+        page.report(slot, 1e5 if how == "reports" else 0.0, since=-1.0 if how == "reports" else 0.0)
+
+    ended = Apart(target, limit=5.0, memory=500.0, code=1e6).wait()
+    assert ended.code == 0 and 0.0 <= ended.code_s <= ended.cpu
+
+
+def test_processes_that_make_code_have_an_allowance_for_it():
+    """Wherever a solver or a user's force may run; else an empty cache ends what a full one does not."""
+    without = set()
+    for path in Path(code_meter.__file__).parent.rglob("*.py"):
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Apart":
+                limit = next(ast.unparse(k.value) for k in call.keywords if k.arg == "limit")
+                without |= {(path.stem, limit)} if all(k.arg != "code" for k in call.keywords) else set()
+    assert without == {
+        ("fmu", "LIMIT"),  # native code that its author has compiled
+        ("submission", "CPU_LIMIT"),  # a submission's limit holds for all (docs/trust.md)
+        ("clouds", "100000000.0"),  # no limit
+    }
+
+
+def test_numba_is_heard_in_a_process_that_has_an_allowance():
+    """Without a word from its target."""
+
+    def target(send):
+        import numba.core.event
+
+        with numba.core.event.trigger_event("numba:compile"):
+            work()
+
+    assert Apart(target, limit=5.0, memory=500.0, code=10.0).wait().code_s == pytest.approx(WORK, abs=FINE)
 
 
 def test_pages_of_processes_above_one_another_are_one(monkeypatch):

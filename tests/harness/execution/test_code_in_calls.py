@@ -12,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench import solvers
+from mbsbench import StepControl, solvers
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.code_meter import code_seconds_of_tree
+from mbsbench.harness.execution import worker
 
 CLOCK = 0.03  # [s] by which sums of clock readings of a call may differ: refuses, call and checks are read apart
 MODULE = "mbsbench.tests.harness.execution.cold_calls"
@@ -79,6 +82,31 @@ def test_the_process_was_cold(calls):
     assert made > 50.0 * sum(call["cost"].get("cpu_min_s", 0.0) for call in calls)
     seen = {name for call in calls for name in call["metered"]}
     assert {"TargetMachine.emit_object", "ExecutionEngine.finalize_object", "Function.__init__", "SX.sym"} <= seen
+
+
+def free_fall():
+    """A call without code of its own."""
+    return registry.make_problem("free_fall", {}), registry.make_solver("exact", {}), StepControl(dt=0.1)
+
+
+def test_calls_listen_to_numba_before_their_clocks_start(monkeypatch):
+    """Of a run, of ``mbsbench.solve`` and of races alike."""
+    order = []
+    monkeypatch.setattr(worker, "listen_to_numba", lambda: order.append("listens"))
+    monkeypatch.setattr(worker, "cpu_seconds_of_tree", lambda: order.append("reads its clock") or 0.0)
+    problem, solver, control = free_fall()
+    worker.solve_repeatedly(solver, problem, control, 1)
+    assert order[0] == "listens"
+    order.clear()
+    worker.solve(problem, solver, control)
+    assert order[0] == "listens"
+
+
+def test_code_made_at_import_before_the_fork_is_no_code_of_the_process(monkeypatch):
+    """It is set-up; the process has not used the CPU time that it took."""
+    monkeypatch.setattr(worker.registry, "import_seconds", lambda name: (1.0, 1e4))
+    cost = worker.solve(*free_fall()).report.cost
+    assert float(cost["setup_s"]) > 1e4 and float(cost["code_s"]) <= code_seconds_of_tree() < 1e4
 
 
 @pytest.mark.slow

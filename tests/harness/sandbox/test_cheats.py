@@ -8,6 +8,7 @@ from .. import cheating
 from ..cheating import MUCH, WORK
 from ..conftest import PLUGIN, run_in
 
+FINE = 0.05  # [s]
 TICKS = 0.9  # of the work: other processes are accounted in ticks of 10 ms
 SUITE = """
 [[runs]]
@@ -15,7 +16,7 @@ problem = "free_fall"
 solver = "cheats"
 repeats = 2
 options = { where = ["call", "refuses", "daemon", "daemon_in_refuses", "child", "disowned", "clocks", "half", "set_up",
-                     "first", "file", "block", "numba_event", "compiler"] }
+                     "first", "file", "block", "numba_event", "compiler", "report"] }
 """
 AT_IMPORT = (
     "from mbsbench.tests.harness.cheating import Exact, work\nfrom mbsbench.harness.catalogue.registry import solver\n"
@@ -60,9 +61,23 @@ def test_work_that_is_said_to_be_compilation_is_shown_beside_the_cost(records, w
 def test_what_a_plugin_compiles_is_set_up_and_what_it_computes_is_its_cost(records):
     """Numba's own events tell them apart, in each repeat; the plugin knows nothing of that."""
     r = records["compiler"]
-    assert r.code_s > 0.1 and r.setup_s >= r.code_s and r.repeats == 2
+    assert r.setup_s > 0.1 and r.code_s >= r.setup_s - r.cpu_refuses_s - r.cpu_import_s and r.repeats == 2
     assert TICKS * WORK < r.cpu_min_s <= r.cpu_call_s < WORK + 0.1
     assert records["call"].code_s == 0.0
+
+
+def test_the_parents_meter_counts_code_not_the_words_of_the_solver(records):
+    """A process that hands over its work as compilation, and has not told its meter, has made no code."""
+    r = records["report"]
+    assert r.code_s < FINE and r.cpu_min_s > TICKS * WORK
+
+
+def test_more_code_than_cpu_time_is_a_breach(tmp_path):
+    """No number in a record exceeds what the system has counted: budgets are kept by their difference."""
+    text = SUITE[: SUITE.index("repeats")] + 'options = { where = "absurd_report" }'
+    (r,) = run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, cheating.__file__))[0].records
+    assert (r.status, r.ended_by) == ("crashed", "exception") and "code_s = 1e+05 does not fit" in r.message
+    assert 0.0 <= r.code_s < FINE
 
 
 def test_what_a_later_repeat_need_not_do_counts(records):

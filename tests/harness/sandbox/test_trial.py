@@ -1,7 +1,9 @@
 """Foreign code that hangs, crashes or leaves is told in a line, before it can do so in the command's own process."""
 
 import errno
+import time
 
+import numba.core.event
 import pytest
 
 from mbsbench.cli.__main__ import main
@@ -52,6 +54,20 @@ def test_a_file_that_does_not_come_back_is_no_plugin(text, tmp_path, capsys, mon
     path.write_text(text)
     refused(capsys, LOADED[text], "check", str(path))
     refused(capsys, LOADED[text], "gate", "--plugin", str(path))
+
+
+def test_a_plugin_that_compiles_long_is_no_plugin_that_hangs(monkeypatch):
+    """The limit on its import leaves out what numba compiles."""
+
+    def attempt():
+        with numba.core.event.trigger_event("numba:compile"):
+            until = time.thread_time() + 3.0
+            while time.thread_time() < until:
+                pass
+        return "loaded"
+
+    monkeypatch.setattr(trial, "LIMIT", 0.5)
+    assert trial._try_elsewhere("plugin", attempt) == ""
 
 
 @pytest.mark.parametrize("text", MADE)
