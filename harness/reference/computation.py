@@ -156,7 +156,7 @@ def _key(problem: Problem) -> str | None:
 @cache
 def _code() -> bytes:
     here = sorted(Path(__file__).parent.glob("*.py"))
-    shared = [Path(m.__file__) for m in (added_inertia, fixed_order, time_functions, user_forces)]
+    shared = [Path(str(m.__file__)) for m in (added_inertia, fixed_order, time_functions, user_forces)]
     return b"".join(f.read_bytes() for f in (*here, *shared))
 
 
