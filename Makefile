@@ -26,7 +26,7 @@ QEMU := $(VENV)/qemu
 BACKPORTS := [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian
 APART := -o Dir::Etc::sourcelist=$(CURDIR)/$(QEMU)/list -o Dir::Etc::sourceparts=- -o Dir::State::lists=$(CURDIR)/$(QEMU)/lists \
 	-o Dir::Cache=$(CURDIR)/$(QEMU)/cache
-COMPARE := $(BIN)/python tests/processors/compare_bits.py
+COMPARE := $(BIN)/python -m mbsbench.tests.processors.compare_bits
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
@@ -88,7 +88,7 @@ test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from 
 	$(BIN)/python -m pytest -q -n 2 -m slow --benchmark-disable tests/cli/test_questions.py
 
 test-arm64: $(READY) ## compare the gate's cases, shortened, with an emulated arm64 bit for bit; half an hour (apt, as root)
-	sh tests/emulation/arm64.sh
+	sh tests/processors/arm64.sh
 
 $(DOCS): requirements-docs.lock $(READY)
 	$(call moving,$(PIP) -r requirements-docs.lock,installing requirements-docs.lock)

@@ -27,7 +27,7 @@ class Sample:
 
 
 def find_unstable(samples: Mapping[str, Sequence[Sample]]) -> dict[str, str]:
-    """Cases of which rounding decides the status, each with the kinds of rounding that lead to each status."""
+    """Find the cases of which rounding decides the status, each with the kinds of rounding that lead to each status."""
     out = {}
     for case, found in samples.items():
         kinds: dict[str, Counter[str]] = {}
@@ -43,7 +43,7 @@ def _list_kinds(kinds: Mapping[str, int]) -> str:
 
 
 def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[Sample]]) -> Thresholds:
-    """``old`` with bounds around all ``samples`` of a case, where one leaves the bounds, or those around another.
+    """Return ``old`` with bounds around all ``samples`` of a case where one leaves them, or those around another.
 
     Rounding has to explain it: it does if the value that was measured when the threshold was set lies within the new
     bounds. Bounds of a case whose status rounding decides stay.
@@ -64,7 +64,7 @@ def _bounds_of(was: Threshold, s: Sample) -> list[Threshold]:
 
 
 def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], control: str) -> Threshold | None:
-    """``was`` with the widest of the bounds that it has in ``found``; None where bounds around any one hold of all."""
+    """Return ``was`` with the widest of its bounds in ``found``; None where bounds around any one hold of all."""
     values = [b.value for _, b in found]
     bounds = (was,) if was.samples > 1 else (was, *(b for _, b in found))
     if was.tolerance is not None or all(b.holds(value) for b in bounds for value in values):
@@ -81,9 +81,9 @@ def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], contro
 
 
 def _summarise(lawful: Mapping[str, Sequence[Sample]]) -> Spread | None:
-    """What was measured: how often, by what, and where a number of a fixed-step run moved most, that of rounding apart.
+    """Summarise how often and by what runs were changed, and where that moved a number of a fixed-step run most.
 
-    It is the largest value over the least, of numbers that have bounds by ``FIXED_STEP``.
+    That is the largest value over the least, of numbers that have bounds by ``FIXED_STEP`` and measure no rounding.
     """
     kinds = sorted({s.kind for found in lawful.values() for s in found if s.kind})
     if not kinds:

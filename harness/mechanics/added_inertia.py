@@ -6,14 +6,16 @@ It changes nothing where the axis is not accelerated; other systems are refused 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .fixed_order import principal_axes, product
+
 NONE = 1e-14  # of the largest principal inertia: what rounding leaves of none
 STILL = 1e-9  # of the loads: what added inertia may take of them
 SHARE = 1e-2  # added, of a rod's other principal inertias, of m arm^2 of a point mass
 
 
 def principal(inertia: Float[np.ndarray, "nb 3 3"]) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "nb 3"]]:
-    """Principal inertias (nb, 3), their axes (columns, nb 3 3), and which are none."""
-    values, axes = np.linalg.eigh(inertia)
+    """Return principal inertias (nb, 3), their axes (columns, nb 3 3), and which are none."""
+    values, axes = principal_axes(inertia)
     return values, axes, values <= NONE * values[:, 2:]
 
 
@@ -23,7 +25,7 @@ def compute_added_inertia(
     """About the axes without inertia; ``arm`` [m] is what the inertia of a point mass is measured by."""
     values, axes, none = principal(inertia)
     size = SHARE * np.where(none[:, 2], mass * arm**2, values[:, 2])
-    return (axes * (none * size[:, None])[:, None, :]) @ np.swapaxes(axes, 1, 2)
+    return product(axes * (none * size[:, None])[:, None, :], np.swapaxes(axes, 1, 2))
 
 
 def check_idle(

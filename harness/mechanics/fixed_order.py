@@ -1,10 +1,12 @@
-"""Small products, summed one term after another: the same bits on every processor, which BLAS does not promise.
+"""Small linear algebra, one term after another: the same bits on every processor, which BLAS and LAPACK do not promise.
 
 For numbers of set-up that enter a motion; NumPy's elementwise products and sums round once each everywhere.
 """
 
 import numpy as np
 from jaxtyping import Float
+
+SWEEPS = 8  # of Jacobi's rotations over a matrix of three rows: converged to rounding after five
 
 
 def product(A: Float[np.ndarray, "*stack m k"], B: Float[np.ndarray, "*stack k n"]) -> Float[np.ndarray, "*stack m n"]:
@@ -34,7 +36,7 @@ def inverse(A: Float[np.ndarray, "*stack n n"]) -> Float[np.ndarray, "*stack n n
 
 
 def _invert(A: list[list[float]]) -> list[list[float]]:
-    """Row by row as LAPACK's unblocked routines do it, each product rounded before it is subtracted."""
+    """Eliminate row by row as LAPACK's unblocked routines do, each product rounded before it is subtracted."""
     n = len(A)
     rows = [[*row, *(float(i == k) for k in range(n))] for i, row in enumerate(A)]
     for k in range(n):
@@ -52,3 +54,28 @@ def _invert(A: list[list[float]]) -> list[list[float]]:
                 total -= rows[k][i] * rows[i][j]
             rows[k][j] = total / rows[k][k]
     return [row[n:] for row in rows]
+
+
+def principal_axes(
+    inertia: Float[np.ndarray, "*stack 3 3"],
+) -> tuple[Float[np.ndarray, "*stack 3"], Float[np.ndarray, "*stack 3 3"]]:
+    """Return principal inertias, ascending, and axes by columns, by Jacobi's rotations."""
+    A = np.moveaxis(np.array(inertia, dtype=float), (-2, -1), (0, 1))
+    V = np.array(np.broadcast_to(np.eye(3).reshape(3, 3, *[1] * (A.ndim - 2)), A.shape))
+    for p, q in [(0, 1), (0, 2), (1, 2)] * SWEEPS:
+        turning = A[p, q] != 0.0
+        if not np.any(turning):
+            continue
+        with np.errstate(over="ignore"):  # entries that are rounding beside the diagonal: no turn
+            ratio = 0.5 * (A[q, q] - A[p, p]) / np.where(turning, A[p, q], 1.0)
+            t = np.where(turning, np.copysign(1.0, ratio) / (np.abs(ratio) + np.sqrt(1.0 + ratio * ratio)), 0.0)
+        c = 1.0 / np.sqrt(1.0 + t * t)
+        s = t * c
+        for M in (A, V):
+            M[:, p], M[:, q] = c * M[:, p] - s * M[:, q], s * M[:, p] + c * M[:, q]
+        A[p], A[q] = c * A[p] - s * A[q], s * A[p] + c * A[q]
+        A[p, q] = A[q, p] = 0.0
+    moments = np.moveaxis(A[range(3), range(3)], 0, -1)
+    order = np.argsort(moments, axis=-1, kind="stable")
+    axes = np.take_along_axis(np.moveaxis(V, (0, 1), (-2, -1)), order[..., None, :], axis=-1)
+    return np.take_along_axis(moments, order, axis=-1), axes

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from ..mechanics import added_inertia, time_functions, user_forces
+from ..mechanics import added_inertia, fixed_order, time_functions, user_forces
 from ..mechanics.kept_code import Unknown, digest_of
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
@@ -156,7 +156,7 @@ def _key(problem: Problem) -> str | None:
 @cache
 def _code() -> bytes:
     here = sorted(Path(__file__).parent.glob("*.py"))
-    shared = (Path(added_inertia.__file__), Path(time_functions.__file__), Path(user_forces.__file__))
+    shared = [Path(str(m.__file__)) for m in (added_inertia, fixed_order, time_functions, user_forces)]
     return b"".join(f.read_bytes() for f in (*here, *shared))
 
 

@@ -8,7 +8,7 @@ ENGINES = "pip install 'mbsbench[engines]'"
 
 
 def missing(module: str, package: str = "", remedy: str = ENGINES) -> NotInstalled | None:
-    """What to do where ``module`` (of ``package``, if that has another name) is not installed, or None."""
+    """Return the remedy where ``module`` (of ``package``, if that has another name) is not installed, or None."""
     try:
         found = importlib.util.find_spec(module) is not None
     except ValueError:  # planted in sys.modules without a spec

@@ -58,7 +58,7 @@ class JointCode(NamedTuple):
 
     @property
     def is_small(self) -> bool:
-        """Whether there is a ``step``."""
+        """Return whether there is a ``step``."""
         return self.operations <= SMALL
 
 
@@ -130,7 +130,7 @@ class Equations(NamedTuple):
 def choose_order(
     system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", at: np.ndarray | None = None
 ) -> Equations:
-    """With balls opened or not, whichever has the shorter elimination; LostRank where none is safe at y."""
+    """Make code with balls opened or not, by the shorter elimination; LostRank where none is safe at y."""
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
     found = []
     for way in ([], balls)[: 1 + bool(balls)]:

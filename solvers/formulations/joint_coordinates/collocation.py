@@ -39,7 +39,7 @@ class Tableau(NamedTuple):
     b_row: Float[np.ndarray, " m"]
 
     def estimates(self) -> tuple[Float[np.ndarray, "d s ds"], Float[np.ndarray, "d n dm"]]:
-        """First estimates of stages, and of lam at all nodes but the last, as weights of those of k steps before.
+        """Return first estimates of stages, and of lam at nodes but the last, as weights of those of k steps before.
 
         By k - 1; where stages collocate, of one polynomial through two steps, or one of lam; else of one for each.
         """

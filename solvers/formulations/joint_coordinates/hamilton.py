@@ -190,7 +190,7 @@ def _kinetic_energy(motion: "Motion") -> "ca.SX":
 
 
 def _loads(moving: "Motion", resting: "Motion") -> "ca.SX":
-    """What joints carry of weights and of loads at rest, along the velocities."""
+    """Return what joints carry of weights and of loads at rest, along the velocities."""
     return resting.efforts(resting.compute_carried_loads(moving.applied_forces()))
 
 

@@ -23,7 +23,7 @@ class Row(NamedTuple):
 
 
 def rows(motion: Motion) -> list[Row]:
-    """Those of the cut joints."""
+    """Return those of the cut joints."""
     out = []
     for k in motion.tree.cuts:
         ends = int(motion.system.joint_i[k]), int(motion.system.joint_j[k])

@@ -186,7 +186,7 @@ def _combine(s: Any, weights: Any, n: int, out: Any, h: float) -> None:
 
 @inner
 def _add_errors(s: Any) -> None:
-    """Both estimates of the error, over h."""
+    """Return both estimates of the error, over h."""
     for e in range(2):
         total = s.sums[e]
         for k in range(len(total)):
@@ -264,7 +264,7 @@ class Marcher:
         return self.stages.start
 
     def explain(self, outcome: int) -> str:
-        """Why the march has ended."""
+        """Say why the march has ended."""
         if outcome != STUCK:
             return ENDS[outcome][1]
         pivot, gap = self.stages.guard
@@ -305,7 +305,7 @@ class Relay:
         return record
 
     def _choose_pivots(self) -> bool:
-        """Whether code goes on whose pivots are safe here, an earlier one if it can; once at a time."""
+        """Go on with code whose pivots are safe here, an earlier one if it can, and return whether there is one."""
         t = float(self.state["t"])
         if self.changes and not t > self.changes[-1]:
             return False
@@ -335,7 +335,7 @@ class Relay:
         self._fallback = kernel.Marcher(rest, explicit_pair(DOPRI853), self.state)
 
     def explain(self, outcome: int) -> str:
-        """Why the march has ended."""
+        """Say why the march has ended."""
         return "; ".join([*self.notes, (self._fallback or self._runner).explain(outcome)])
 
 
@@ -346,7 +346,7 @@ METHOD = Method(
 
 
 def refusal(problem: Problem) -> str | None:
-    """Why no code can be made of a problem, as far as that is known beforehand."""
+    """Say why no code can be made of a problem, as far as that is known beforehand."""
     if len(problem.system.user_i):
         return "writes out declared forces only, no user forces: use rkmk_dop853"
     operations = least_operations(problem.system, problem.initial)

@@ -161,7 +161,7 @@ class Motion:
         return Wrench(load.f, n if self.limb[b].ball else n + load.n)
 
     def compute_carried_loads(self, loads: dict[int, Wrench]) -> dict[int, Wrench]:
-        """What joints carry so that their bodies move as they do under ``loads``: (f, n) above."""
+        """Return what joints carry so that their bodies move as they do under ``loads``: (f, n) above."""
         out, inertias = {}, self.inertias()
         for b in self.limb:
             m, h, omega, fall = self.system.mass[b], self.h[b], self.omega[b], self.a[b] - self._gravity()

@@ -17,20 +17,17 @@ where h w is of order one. What hangs on the body is left out: how much that is 
 while what is added has to stay the same over a run.
 """
 
-import math
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from ....harness.mechanics.fixed_order import apply, dot
+from ....harness.mechanics.fixed_order import apply, dot, principal_axes
 from ....harness.mechanics.forces import DECLARED
 from ....harness.mechanics.system import MultibodySystem
 from .motion import Motion
 from .tree import NOISE, Limb, Tree, snap
-
-SWEEPS = 8  # of Jacobi's rotations over a matrix of three rows: converged to rounding after five
 
 
 class Spin(NamedTuple):
@@ -50,18 +47,18 @@ class Spin(NamedTuple):
         return motion.R[self.limb.body] @ ca.SX(ca.DM(self.axis))
 
     def add_inertia(self, H: dict[int, dict[int, ca.SX]], motion: Motion) -> None:
-        """To H by columns."""
+        """Add what is added to H, by columns."""
         e, first = self._direction(motion), self._velocities.start
         for a in range(3):
             for c in range(3):
                 H[first + a][first + c] = H[first + a].get(first + c, 0) + self.added * e[a] * e[c]
 
     def added_energy(self, motion: Motion) -> ca.SX:
-        """That of the added inertia at the motion's velocities."""
+        """Return the energy of the added inertia at the motion's velocities."""
         return 0.5 * self.added * ca.dot(self._direction(motion), motion.u[self._velocities]) ** 2
 
     def add_turn(self, q: ca.SX, u: ca.SX, motion: Motion, pi: ca.SX) -> None:
-        """To coordinates and velocities at the time of the motion, by momenta ``pi`` about P."""
+        """Turn coordinates and velocities to the time of the motion, by momenta ``pi`` about P."""
         e, limb = self._direction(motion), self.limb
         rate = (1.0 / self.inertia - 1.0 / (self.inertia + self.added)) * ca.dot(e, pi[self._velocities])
         own = slice(limb.q_at + len(limb.slides), limb.q_at + limb.sizes[0])
@@ -72,7 +69,7 @@ class Spin(NamedTuple):
 
 
 def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
-    """Those of slender bodies."""
+    """Find the spins of slender bodies."""
     pushed = {int(b) for kind in DECLARED for end in "ij" for b in getattr(system, f"{kind}_{end}", ())}
     out = []
     for limb in tree.limbs:
@@ -89,28 +86,8 @@ def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
 
 
 def _held_by_balls(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3"] | None:
-    """Points of its joints in the body; None where some are no balls."""
+    """Return the points of its joints in the body; None where some are no balls."""
     ends = ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j))
     if any(system.joint_kind(int(k)) != "spherical" for of, _ in ends for k in np.flatnonzero(of == body)):
         return None
     return np.concatenate([arms[of == body] for of, arms in ends])
-
-
-def principal_axes(inertia: Float[np.ndarray, "3 3"]) -> tuple[list[float], Float[np.ndarray, "3 3"]]:
-    """Return principal inertias, ascending, and axes by columns, by Jacobi's rotations: of the same bits everywhere."""
-    A, V = inertia.tolist(), np.eye(3).tolist()
-    for p, q in [(0, 1), (0, 2), (1, 2)] * SWEEPS:
-        if A[p][q] == 0.0:
-            continue
-        ratio = 0.5 * (A[q][q] - A[p][p]) / A[p][q]
-        t = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(1.0 + ratio * ratio))
-        c = 1.0 / math.sqrt(1.0 + t * t)
-        s = t * c
-        for M in (A, V):
-            for row in M:
-                row[p], row[q] = c * row[p] - s * row[q], s * row[p] + c * row[q]
-        A[p], A[q] = ([c * x - s * y for x, y in zip(A[p], A[q], strict=True)],
-                      [s * x + c * y for x, y in zip(A[p], A[q], strict=True)])  # fmt: skip
-        A[p][q] = A[q][p] = 0.0
-    order = sorted(range(3), key=lambda k: A[k][k])
-    return [A[k][k] for k in order], np.array(V)[:, order]

@@ -9,9 +9,7 @@ until only rounding changes. The first estimate extrapolates steps before. q and
 Where pivots are poor at the end of a step, code of another order of elimination goes on with the same q and p.
 
 Sweeps converge linearly, at a rate of about h times the fastest rate of the motion. Where so many are needed that
-rounding could decide whether ``MOST_SWEEPS`` are enough, Anderson's method accelerates them (Walker and Ni 2011, SIAM
-J. Numer. Anal. 49): the next unknowns are that combination of the sweeps so far, with weights of sum 1, whose changes
-cancel best. It takes no Jacobian and leaves the equations of a step as they are.
+rounding could decide whether ``MOST_SWEEPS`` are enough, Anderson's method accelerates them (module ``acceleration``).
 """
 
 import dataclasses
@@ -29,6 +27,7 @@ from ..generated import Program
 from ..recording import no_trajectory
 from ..refusals import without_phi
 from . import marching
+from .acceleration import MEMORY, accelerate
 from .code import make_code
 from .collocation import DEPTH, Tableau
 from .hamilton import make_hamilton_code
@@ -37,11 +36,7 @@ from .tree import spanning_tree
 
 MOST_SWEEPS = 60  # twice what the longest steps take that are accurate at all
 LOOK = 5  # sweeps between two looks at their rate
-PLAIN_SWEEPS = (
-    16  # acceleration begins where, at that rate, these would leave more than ``TIGHT``; 11 and 21 do as well
-)
-MEMORY = 12  # sweeps that it combines: with half of them it takes 1 in 9 more on the pendulum, with twice no less
-DEPENDENT = 1e-8  # of a change of changes, beside what others span: rounding
+PLAIN_SWEEPS = 16  # acceleration begins where these would leave more than ``TIGHT``; 11 and 21 do as well
 LOOSE, TIGHT = 1e-9, 1e-13  # larger changes are no rounding; smaller ones are little else
 IDLE = 4  # sweeps in which changes do not halve: rounding; two are enough below ``TIGHT``
 ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
@@ -105,7 +100,7 @@ class Stages(NamedTuple):
 
 
 def step(s: Any) -> None:
-    """A step of ``control.h``; ``start`` stays."""
+    """Take a step of ``control.h``; ``start`` stays."""
     c, h = s.control, s.control.h
     if not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1]):
         c.status = STUCK
@@ -137,7 +132,7 @@ def step(s: Any) -> None:
             return
         last = size
         if slow and (idle == 0 or size > TIGHT):  # weights of changes that are rounding would magnify it
-            known = _accelerate(s, h, known)
+            known = accelerate(s, h, known)
         elif not slow and sweep % LOOK == 0:
             if sweep > 0:
                 expected = size
@@ -193,7 +188,7 @@ def _add(s: Any, e: int, k: int, change: float) -> None:
 
 @inner
 def _estimate(s: Any, t: float) -> None:
-    """First ``F`` and ``lam``."""
+    """Estimate ``F`` and ``lam``."""
     past, d, stages, m = int(s.past[0]), len(s.before), len(s.b), len(s.nodes)
     if past == 0:
         s.t[0] = t
@@ -221,7 +216,7 @@ def _estimate(s: Any, t: float) -> None:
 
 @inner
 def _sweep(s: Any, t: float, h: float) -> float:
-    """Evaluate all stages; the largest change of a step, beside the size of coordinates and momenta."""
+    """Evaluate all stages; return the largest change of a step, beside the size of coordinates and momenta."""
     n, m = len(s.start[0]), len(s.nodes)
     worst = 0.0
     change = moment = 0.0
@@ -250,7 +245,7 @@ def _sweep(s: Any, t: float, h: float) -> float:
 
 @inner
 def _node(s: Any, j: int, t: float, h: float) -> None:
-    """Coordinates at node ``j``."""
+    """Set ``z`` to the coordinates at node ``j``."""
     s.t[0] = t + s.nodes[j] * h
     for k in range(len(s.start[0])):
         q = 0.0
@@ -261,7 +256,7 @@ def _node(s: Any, j: int, t: float, h: float) -> None:
 
 @inner
 def _push(s: Any, j: int, t: float, h: float) -> None:
-    """G^T lam of node ``j``."""
+    """Set ``pushes`` to G^T lam of node ``j``."""
     if len(s.rows) > 0:
         _node(s, j, t, h)
         copy(s.lam[j], s.rows)
@@ -271,7 +266,7 @@ def _push(s: Any, j: int, t: float, h: float) -> None:
 
 @inner
 def _correct(s: Any, t: float, h: float) -> float:
-    """Correct all ``lam``; the largest phi, or 0."""
+    """Correct all ``lam``; return the largest phi, or 0."""
     m, nr = len(s.nodes), len(s.rows)
     worst = 0.0
     for j in range(1, m):
@@ -295,88 +290,6 @@ def _correct(s: Any, t: float, h: float) -> float:
                 s.lam[j, r] += change / (h * h)
         _push(s, j, t, h)
     return worst
-
-
-@inner
-def _accelerate(s: Any, h: float, known: int) -> int:
-    """Replace ``unknowns`` after a sweep by those of Anderson's method.
-
-    ``known``: how many columns of ``basis`` have been found in this step, -1 before the first sweep; a new one takes
-    the place of the oldest.
-    """
-    n, k = len(s.unknowns), len(s.weights)
-    if known < 0:
-        _weigh(s, h)
-    for a in range(k):
-        s.change[a] = s.weights[a] * (s.unknowns[a] - s.entered[a])
-    if known < 0:
-        known = 0
-    else:
-        place, kept = known % MEMORY, min(known, MEMORY)
-        new, image = s.basis[place], s.images[place]
-        for a in range(k):
-            new[a] = s.change[a] - s.change_before[a]
-        for a in range(n):
-            image[a] = s.unknowns[a] - s.left[a]
-        before = _product(new, new)
-        for j in range(kept):
-            if j != place:
-                _remove(s, j, new, image)
-        after = _product(new, new)
-        if after > DEPENDENT * DEPENDENT * before:
-            scale = 1.0 / np.sqrt(after)
-            for a in range(k):
-                new[a] *= scale
-            for a in range(n):
-                image[a] *= scale
-            known += 1
-        elif known >= MEMORY:
-            clear(new)
-            clear(image)
-    copy(s.change, s.change_before)
-    copy(s.unknowns, s.left)
-    for j in range(min(known, MEMORY)):
-        _remove(s, j, s.change, s.unknowns)
-    return known
-
-
-@inner
-def _weigh(s: Any, h: float) -> None:
-    """Changes of coordinates beside 1 + |q|, of momenta beside the largest."""
-    n, moment = len(s.start[0]), 0.0
-    for k in range(n):
-        moment = max(moment, abs(s.start[1, k]))
-        for i in range(len(s.b)):
-            moment = max(moment, h * abs(s.F[i, 1, k]))
-    for a in range(len(s.weights)):
-        k, is_rate = a % n, a < 2 * n * len(s.b) and (a // n) % 2 == 0
-        s.weights[a] = h / (1.0 + abs(s.start[0, k])) if is_rate else (h / moment if moment > 0.0 else 0.0)
-
-
-@inner
-def _remove(s: Any, j: int, change: Any, unknowns: Any) -> None:
-    """Take away what ``change`` has along column j of ``basis``, and what that is in unknowns."""
-    q, u = s.basis[j], s.images[j]
-    along = _product(q, change)
-    for a in range(len(change)):
-        change[a] -= along * q[a]
-    for a in range(len(unknowns)):
-        unknowns[a] -= along * u[a]
-
-
-@inner
-def _product(x: Any, y: Any) -> float:
-    """x . y by four sums, that do not wait for each other."""
-    n = len(x) - len(x) % 4
-    p = q = r = t = 0.0
-    for a in range(0, n, 4):
-        p += x[a] * y[a]
-        q += x[a + 1] * y[a + 1]
-        r += x[a + 2] * y[a + 2]
-        t += x[a + 3] * y[a + 3]
-    for a in range(n, len(x)):
-        p += x[a] * y[a]
-    return (p + q) + (r + t)
 
 
 class Marcher(marching.Marcher):
@@ -449,12 +362,12 @@ class Marcher(marching.Marcher):
 
     @property
     def is_near(self) -> bool:
-        """Whether pivots or rows that were left out end the march here."""
+        """Return whether pivots or rows that were left out end the march here."""
         s = self.stages
         return not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1])
 
     def explain(self, outcome: int) -> str:
-        """Why the march has ended."""
+        """Say why the march has ended."""
         return f"{super().explain(outcome)}: use rattle" if self.is_near else ENDS[outcome][1]
 
 
@@ -465,7 +378,7 @@ class Relay(marching.Relay):
 
     @property
     def most_sweeps(self) -> int:
-        """Largest number of sweeps in a step."""
+        """Return the largest number of sweeps in a step."""
         return int(self._runner.stages.most[0])  # type: ignore[attr-defined]
 
     def _choose_pivots(self) -> bool:
@@ -485,7 +398,7 @@ METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations
 
 
 def refusal(problem: Problem) -> str | None:
-    """Rows without phi, user forces, and mechanisms that need too much code."""
+    """Refuse rows without phi, user forces, and mechanisms that need too much code."""
     return without_phi(problem.system) or marching.refusal(problem)
 
 

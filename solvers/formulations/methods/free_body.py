@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ....harness.mechanics.fixed_order import dot, principal_axes
 from ..compiled.algebra import turned_by
 from ..compiled.bundles import make_bundle
 from ..compiled.entries import inner
@@ -28,12 +29,12 @@ def principal(inertia: np.ndarray) -> Any:
     Q, J = np.zeros((nb, 3, 3)), np.zeros((nb, 3))
     for b in range(nb):
         diagonal = np.array_equal(inertia[b], np.diag(np.diag(inertia[b])))
-        values, axes = (np.diag(inertia[b]).copy(), np.eye(3)) if diagonal else np.linalg.eigh(inertia[b])
+        values, axes = (np.diag(inertia[b]).copy(), np.eye(3)) if diagonal else principal_axes(inertia[b])
         gap = [abs(values[(k + 1) % 3] - values[(k + 2) % 3]) for k in range(3)]
         k = int(np.argmin(gap))  # the axis of symmetry, if there is one: it becomes axis 0, the others 1 and 2
         order = [k, (k + 1) % 3, (k + 2) % 3]
         Q[b], J[b] = axes[:, order], values[order]
-        if np.linalg.det(Q[b]) < 0.0:
+        if dot(np.cross(Q[b, :, 0], Q[b, :, 1]), Q[b, :, 2]) < 0.0:
             Q[b, :, 0] *= -1.0
     rate = 1.0 / J[:, :2] - 1.0 / J[:, 2:] if nb else np.zeros((0, 2))
     rate[np.abs(rate) * J[:, 2:] < EQUAL] = 0.0

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.code_meter import making_code
-from ....harness.mechanics import declaring, forces, joints
+from ....harness.mechanics import declaring, fixed_order, forces, joints
 from ..generated import Code
 from ..generated.code import print_functions
 
@@ -68,7 +68,7 @@ def texts_of_makers() -> str:
     here = Path(__file__).resolve().parent
     folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
-    return text_of((*map(str, paths), str(declaring.__file__))) + version("casadi")
+    return text_of((*map(str, paths), str(declaring.__file__), str(fixed_order.__file__))) + version("casadi")
 
 
 @cache

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ....harness.mechanics import forces
+from ....harness.mechanics.fixed_order import inverse
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Straight
 from ..joint_coordinates.elimination import Factor, Matrix
@@ -78,7 +79,7 @@ class Mechanism:
 
     def __init__(self, system: MultibodySystem, parts: Sequence[Part], order: Sequence[int]) -> None:
         self.system, self.parts, self.order = system, parts, order
-        self.J_inv = [ca.sparsify(ca.DM(snap_zeros(a))) for a in np.linalg.inv(system.regular_inertia)]
+        self.J_inv = [ca.sparsify(ca.DM(snap_zeros(a))) for a in inverse(system.regular_inertia)]
 
     def state(self) -> State:
         """Symbols."""

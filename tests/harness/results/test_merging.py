@@ -59,7 +59,7 @@ def test_merged_shards_are_the_whole_run(tmp_path, whole):
 
 
 def test_contradictions_and_damage_are_reported(tmp_path, whole):
-    """Two folders with other numbers of one run: the first is kept, the cause named; a damaged record is not copied."""
+    """Two folders with other numbers for one run: the first stays, the cause is named; no damaged record is copied."""
     first, *others = store.load(whole).records
     other = store.create(tmp_path / "b")
     stamp = json.loads((whole / "environment.json").read_text(encoding="utf-8"))
