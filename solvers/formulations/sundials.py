@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -32,8 +33,10 @@ WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "
 
 
 def not_installed() -> NotInstalled | None:
-    """The refusal where scikit-sundae is missing, or None; nothing of it is imported before it is used."""
-    return missing("sksundae", "scikit-sundae", REMEDY)
+    """Return the refusal where scikit-sundae is missing, or None; it is imported here, before a solver's time."""
+    if (reason := missing("sksundae", "scikit-sundae", REMEDY)) is None:
+        import_module("sksundae")
+    return reason
 
 
 @dataclass(frozen=True)

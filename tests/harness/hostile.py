@@ -82,6 +82,7 @@ def deletes_results(self, p, control):
 def forges(self, p, control):
     """Patches the verdict or the clock, or writes a perfect record of its own and leaves before it is measured."""
     from mbsbench.harness.execution import measuring, worker
+    from mbsbench.harness.execution.contract import Cost
     from mbsbench.harness.results import store
     from mbsbench.harness.results.records import RunRecord
 
@@ -91,7 +92,7 @@ def forges(self, p, control):
         store.write_record(folder_of(control), perfect)
         os._exit(0)
     if self.how.endswith("time"):
-        worker.split_cost = lambda *_: ({"less_time": -5.0, "more_time": 1e6}[self.how], 0.0)
+        worker.split_cost = lambda *_: Cost({"less_time": -5.0, "more_time": 1e6}[self.how], 0.0, 0.0)
         return follow_exactly(self, p, control)
     measuring.doubts = lambda *_: []
     measuring.inaccuracy = lambda *_: []

@@ -49,6 +49,7 @@ def call(tmp_path):
 
     def run(*arguments, whole=False):
         env = dict(os.environ) if whole else {**os.environ, "PYTHONPATH": str(tmp_path / "hidden")}
+        env["COLUMNS"] = "160"  # a table leaves its reasons out where it is narrow
         line = (sys.executable, *arguments)
         return subprocess.run(line, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=300.0, check=False)
 

@@ -71,9 +71,9 @@ def test_the_order_is_the_declared_one(row):
         assert max(rates) < rate
 
 
-SPRUNG = [  # solver, options, coarsest step, order
+SPRUNG = [  # solver, options, coarsest step, order; at the finest of radau_ggl its iteration's 1e-10 m is below 2 %
     *((*CONTESTANTS[which], 8e-3 if which == "hem" else 4e-3, None) for which in CONTESTANTS),
-    ("rattle", {}, 4e-3, 2), ("rattle", {"composition": "suzuki4"}, 2e-2, 4), ("radau_ggl", {}, 0.05, 5),
+    ("rattle", {}, 4e-3, 2), ("rattle", {"composition": "suzuki4"}, 2e-2, 4), ("radau_ggl", {}, 0.1, 5),
     ("gc_weak_form", {}, 4e-3, 2), ("gc_weak_form", {"corrective": False}, 4e-3, 2),
     ("gc_augmented_lagrangian", {"loop": "nested", "penalty": 1e3, "lambda_bar": True}, 4e-3, 2),
 ]  # fmt: skip

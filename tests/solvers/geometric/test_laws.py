@@ -87,13 +87,22 @@ def test_a_step_that_is_too_long_is_cut_and_regrown():
     assert out.diagnostics["cut_level"][1:].max() > 0
 
 
-def test_a_tolerance_below_rounding_ends_in_step_underflow_with_the_steps_so_far():
-    """A failure is a result: status, reason, partial trajectory."""
-    problem = make_problem("heavy_top", {"t_end": 1.0})
-    out = make_solver("gc_weak_form", {"tolerance": 3e-16, "max_cuts": 3}).solve(problem, StepControl(dt=1e-3))
+def test_a_step_that_no_cut_saves_ends_in_step_underflow_with_the_steps_so_far():
+    """A failure is a result: status, reason, partial trajectory. The chain's whip is too fast for half of 20 ms."""
+    problem = make_problem("chain", {"t_end": 2.0})
+    out = make_solver("gc_weak_form", {"max_cuts": 1}).solve(problem, StepControl(dt=0.02))
     assert out.status == Status.STEP_UNDERFLOW
     assert "Newton" in out.message
-    assert 0.0 < out.t[-1] < 1.0
+    assert 0.0 < out.t[-1] < 2.0
+
+
+def test_a_tolerance_below_rounding_is_raised_to_it():
+    """No iteration meets it: the step is solved to 45 roundings of the root of the energy instead, as without it."""
+    problem = make_problem("heavy_top", {"t_end": 0.1})
+    ends = [make_solver("gc_weak_form", {"tolerance": tolerance, "max_cuts": 3}).solve(problem, StepControl(dt=1e-3))
+            for tolerance in (3e-16, 1e-13)]  # fmt: skip
+    assert [out.status for out in ends] == [Status.SUCCESS] * 2
+    np.testing.assert_allclose(ends[0].states.r[-1], ends[1].states.r[-1], rtol=0.0, atol=1e-11)
 
 
 def test_max_turn_cuts_fast_rotations():
