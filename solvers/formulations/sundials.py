@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...harness.code_meter import making_code
 from ...harness.types import NotInstalled
 from .generated import Code, Program
 from .packages import missing
@@ -35,7 +36,8 @@ WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "
 def not_installed() -> NotInstalled | None:
     """Return the refusal where scikit-sundae is missing, or None; it is imported here, before a solver's time."""
     if (reason := missing("sksundae", "scikit-sundae", REMEDY)) is None:
-        import_module("sksundae")
+        with making_code:
+            import_module("sksundae")
     return reason
 
 
