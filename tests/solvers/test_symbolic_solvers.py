@@ -230,15 +230,15 @@ def test_a_run_that_loses_its_rows_says_so():
 def test_a_run_that_steps_over_aligned_bars_stays_on_a_motion_of_the_mechanism():
     """Where two motions fork, the run goes on along one of them: joints are kept as the tolerance asks.
 
-    Energy is kept to 1 % only: forces grow without bound towards the fork, and rounding decides how near to it a step
+    Energy is kept less well: forces grow without bound towards the fork, and rounding decides how near to it a step
     ends. Tolerances that differ by 1e-13 of themselves give 3e-4 to 5e-3 at 1e-6, and 3e-5 to 3e-4 at 1e-8.
     """
     p = make_problem("four_bar_grid", ALIGNED)
     gaps = []
-    for rtol in (1e-6, 1e-8):
+    for rtol, kept in ((1e-6, 1e-2), (1e-8, 1e-3)):
         t = run(p, rtol, "rk45_strong_form")
         gaps.append(np.max(np.abs(motion.constraint(p.system, t.states))))
-        assert np.max(np.abs(drift(p, t))) < 0.01 * np.max(motion.kinetic_energy(p.system, t.states))
+        assert np.max(np.abs(drift(p, t))) < kept * np.max(motion.kinetic_energy(p.system, t.states))
     assert gaps[1] < 0.1 * gaps[0] < 1e-4
 
 
