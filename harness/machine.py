@@ -135,6 +135,13 @@ def find_deviations() -> list[str]:
     ]
 
 
+@cache
+def name_arithmetic() -> str:
+    """Return a name for the bits that this process computes, for what it keeps on disk: "" for those of the pin."""
+    found = find_deviations()
+    return _digest("; ".join(found)) if found else ""
+
+
 def explain_deviations() -> str:
     """Return a line for who computes here, if the bits are not those of the pin; "" where they are, and natively."""
     found = [] if os.environ.get(NATIVE) == "1" else find_deviations()

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from ..cache import cache_folder
+from ..machine import name_arithmetic
 from .collocation import Collocation
 from .extrapolation import Rate, gbs_adaptive
 
@@ -150,10 +151,13 @@ def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | Non
 
 
 def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orbit | None:
-    """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too. Without a key: new."""
+    """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too. Without a key: new.
+
+    What was computed natively, or by other kernels, is no other run's reference: its bits would be.
+    """
     if key is None:
         return compute()
-    file = FOLDER / f"{key[:24]}.npz"
+    file = FOLDER / name_arithmetic() / f"{key[:24]}.npz"
     known = _read(file)
     if known is not None:
         return known if len(known.y) else None
