@@ -102,7 +102,7 @@ def test_a_nearly_massless_axis_changes_nothing_where_a_hinge_holds_it(light: fl
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0, 0.0), (0.4, -1.1, 0.6)], ids=["principal", "tilted"])
-@pytest.mark.parametrize("light", [1e-4, 3e-6, 1e-7, 1e-9])  # rounding decides at ``LIGHT`` itself
+@pytest.mark.parametrize("light", [3e-6, 1e-7, 1e-9])  # at ``LIGHT`` itself rounding decides
 def test_a_nearly_massless_axis_has_the_motion_of_the_formula(light: float, tilt: tuple[float, float, float]) -> None:
     """A spinning rod on a ball joint, whatever frame its data are in: Lagrange's top, by theta functions."""
     Q, arm, R, Omega = so3.exp(np.array(tilt)), np.array([0, 0, 0.3]), so3.exp(np.array([0.3, 1.2, 0])), (1.5, 2.0, 0.7)
@@ -118,10 +118,10 @@ def test_a_nearly_massless_axis_has_the_motion_of_the_formula(light: float, tilt
     found, even = compute_reference(rod(Q)), compute_reference(rod(Q, 1.0))
     assert exact is not None and found is not None and even is not None and found.horizon == 1.0
     assert len(found.orbit.y) < 2 * len(even.orbit.y)  # rounding about the rod may have steps halved, once
-    allowed = 5e-14 / light if light > LIGHT else 1e-10  # rounding of the rod's turns, or of a director
+    assert light < LIGHT
     t = np.linspace(0.0, 1.0, 51)
     one, other = found.states(t), exact.states(t)
-    assert np.max(np.abs(one.r - other.r)) < found.error(t)[-1] < allowed
+    assert np.max(np.abs(one.r - other.r)) < found.error(t)[-1] < 1e-10
     turned = one.R @ Q  # about the rod a rounding of its arm, 1e-17 m, turns it by 1e-17 N m / (2e-2 kg m2 light)
     assert np.max(np.abs(turned[..., 2] - other.R[..., 2])) < 1e-11
     assert np.max(np.abs(turned - other.R)) < 1e-11 + 1e-14 / light
