@@ -29,8 +29,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--native is for this machine; with --cluster set MBSBENCH_NATIVE=1 where its workers start")
     target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
     request = Request(
-        suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part, arguments.lossless
-    )
+        suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part, arguments.lossless,
+        is_newest=arguments.out is None,
+    )  # fmt: skip
     if arguments.cluster is None:
         warn_of_own_bits()
     loaded, watcher = run_watched(request, quiet=arguments.json, pool=choose_executor(arguments.cluster))

@@ -9,6 +9,22 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 CHOSEN = "MBSBENCH_CACHE"  # in the environment: a folder for all that is kept
+IN_RESULTS = ROOT / "results" / "local"
+CACHES = {  # name of each folder: what it keeps, and where it is in a checkout
+    "generated": ("compiled code of solvers", ROOT / "solvers" / "formulations" / "generated" / "__pycache__"),
+    "laws": ("compiled code that measures", ROOT / "harness" / "metrics" / "__pycache__"),
+    "user_forces": ("compiled code of user forces", IN_RESULTS),
+    "references": ("reference motions", IN_RESULTS),
+    "catalogue": ("the catalogue", IN_RESULTS),
+    "sources": ("digests of code", IN_RESULTS),
+    "machine": ("names of features", IN_RESULTS),
+    "warmed": ("what was compiled", IN_RESULTS),
+}
+
+
+def list_caches() -> dict[str, Path]:
+    """List the folders of all caches by what they keep, whether or not they exist."""
+    return {what: cache_folder(name, place) for name, (what, place) in CACHES.items()}
 
 
 def is_checkout() -> bool:

@@ -68,6 +68,7 @@ class Request:
     limit: int | None = None  # only the first runs
     shard: tuple[int, int] = (1, 1)  # (k, n): of every n runs the k-th
     lossless: bool = False  # whether series keep the states of every step
+    is_newest: bool = False  # whether ``latest`` points to it from now on: not to a folder that its caller chose
 
 
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
@@ -103,7 +104,8 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
             loaded = Loaded(tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable))
             store.write_table(folder, loaded.records)
-            store.point_latest(folder)
+            if request.is_newest:
+                store.point_latest(folder)
             return loaded
 
         try:
