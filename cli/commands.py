@@ -87,6 +87,9 @@ def _add_run(commands: Any) -> None:
     p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
     add_running(p)
     p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
+    p.add_argument(
+        "--dry-run", action="store_true", help="print the runs and how long they will take here; run nothing"
+    )
     p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"

@@ -2,6 +2,7 @@
 
 import argparse
 import shlex
+from typing import Any
 
 from .commands import add_commands
 from .list import load_catalogue
@@ -49,9 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _names_or_files(names: list[str]) -> "dict[str, object]":
+def _names_or_files(names: list[str]) -> dict[str, Any]:
     """Complete by ``names`` and the files of the folder, among which may be a mechanism, a solver or a suite."""
     import shtab
 
-    found: dict[str, object] = shtab.cmd(f"printf '%s\\n' {shlex.join(names)}; ls 2>/dev/null")
-    return found
+    return dict(shtab.cmd(f"printf '%s\\n' {shlex.join(names)}; ls 2>/dev/null"))

@@ -77,8 +77,8 @@ def print_overview(plain: Entry, out: "Console") -> None:
         out.print(textwrap.fill(", ".join(names), width, initial_indent="  ", subsequent_indent="  "), markup=False)
     out.print("[bold]What problems test[/bold]")
     for trait in plain["traits"]:
-        names = ", ".join(p["name"] for p in plain["problems"] if trait in p["tests"])
-        lines = textwrap.fill(f"{trait}: {names}", width, initial_indent="  ", subsequent_indent="    ")
+        tested = ", ".join(p["name"] for p in plain["problems"] if trait in p["tests"])
+        lines = textwrap.fill(f"{trait}: {tested}", width, initial_indent="  ", subsequent_indent="    ")
         out.print(lines, markup=False)
     out.print("more: list problems, list solvers; list NAME has options, units and defaults", style="dim")
 
@@ -88,6 +88,8 @@ def print_kind(plain: Entry, kind: str) -> None:
     from .terminal import Column, print_table
 
     summary = Column("", right=False, fold=True)
+    columns: tuple[Column, ...]
+    rows: list[tuple[str, ...]]
     if kind == "problems":
         columns = (Column("problem", right=False), Column("T [s]", rank=1), summary)
         rows = [(p["name"], f"{p['t_end_s']:g}" if p["t_end_s"] else "", p["doc"]) for p in plain[kind]]

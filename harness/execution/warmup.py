@@ -95,12 +95,18 @@ def warm(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, flo
 
 
 def jobs_by_motion(jobs: Sequence[Job]) -> list[Job]:
-    """The first job of each motion: of problems with equal parameters, those of the presentation aside."""
-    first: dict[str, Job] = {}
-    for job in jobs:
+    """The first job of each motion."""
+    first = {spec.settings_id for spec in list_motions([job.spec for job in jobs])}
+    return [job for job in jobs if job.spec.settings_id in first]
+
+
+def list_motions(specs: Sequence[RunSpec]) -> list[RunSpec]:
+    """The first run of each motion: of problems with equal parameters, those of the presentation aside."""
+    first: dict[str, RunSpec] = {}
+    for spec in specs:
         aside = (*registry.PRESENTED, "retrace")
-        parameters = {k: v for k, v in job.spec.parameters.items() if k not in aside}
-        first.setdefault(json.dumps([job.spec.problem, parameters], sort_keys=True, default=list), job)
+        parameters = {k: v for k, v in spec.parameters.items() if k not in aside}
+        first.setdefault(json.dumps([spec.problem, parameters], sort_keys=True, default=list), spec)
     return list(first.values())
 
 

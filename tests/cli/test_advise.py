@@ -90,5 +90,5 @@ def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
     one = [*arguments[:4], *two[:2], "--jobs", "1"]
     assert main([*one, "--error", "1e-17"]) == 2
     said = capsys.readouterr()
-    assert "the reference's own" in said.err and "[1/1]" in said.out
+    assert "the reference's own" in said.err and "[1/1]" in said.err
     assert tempfile.gettempdir() not in said.out + said.err  # the folder of the runs is gone by now

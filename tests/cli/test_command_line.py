@@ -219,7 +219,12 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     (tmp_path / "bounds.toml").write_text(BOUND)
     done = command("run", "small.toml", *WITH, "--out", "out")
     assert done.returncode == 0, done.stderr
-    assert "[2/2]" in done.stdout and "1 success" in done.stdout and "1 crashed" in done.stdout
+    assert (
+        "[2/2]" in done.stderr
+        and "[2/2]" not in done.stdout
+        and "1 success" in done.stdout
+        and "1 crashed" in done.stdout
+    )
     monkeypatch.chdir(tmp_path)
 
     def said(*arguments, code=0):
