@@ -1,7 +1,8 @@
 """``python -m mbsbench.tests.benchmarks.fit_costs RESULTS`` prints harness/execution/costs.toml from runs of a suite.
 
-RESULTS are of suite ``bench_engines``, made on a quiet machine with warm caches. For each solver and each of three sizes (one body, the chain, the grid) the medians of its runs; times of compilation are measured here,
-solver by solver on empty caches, only with ``--compile``, else kept from the file that is there.
+RESULTS are of suite ``bench_engines``, made on a quiet machine with warm caches. For each solver and each of three
+sizes (one body, the chain, the grid) the table has the medians of its runs. Times of compilation are measured here with
+``--compile``, solver by solver on empty caches, else kept.
 """
 
 import argparse
