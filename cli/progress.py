@@ -91,6 +91,8 @@ class Watch:
         if record.status not in (Status.SUCCESS, Status.REFUSED):
             because = why(record)
             words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
+        if record.missing_package and not self.announces:  # the command itself names what is not installed
+            return
         count = f"[{self.before + self.done}/{self.total}]"
         self._say(f"{count} {words}", status_style(record.status))
         self.tick()
@@ -105,7 +107,8 @@ class Watch:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            self._say(describe_wait(PREPARING, now - self.opened, self.once))
+            if self.once > PATIENCE:  # else it is loading, which every start does
+                self._say(describe_wait(PREPARING, now - self.opened, self.once))
         if self.live is not None:
             self.live.update(Group(*self.foot(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:

@@ -13,6 +13,7 @@ from .parser import UsageError
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "scikit-sundae")  # whose code is in the numbers of runs
 ENGINES = ("mujoco", "exudyn", "pin", "drake", "dartpy")  # of `make engines`, beside us in one environment
+ADD_ENGINES = "add engines: make engines, or outside a checkout pip install 'mbsbench[engines]'"
 VERBOSE = "--verbose"
 
 
@@ -26,7 +27,7 @@ def describe_version(options: Sequence[str]) -> str:
     bits = "as on every processor with AVX2" if machine.variables() else "of this processor"
     if os.environ.get(machine.NATIVE) == "1":
         bits = f"of this processor ({machine.NATIVE}=1)"
-    engines = _versions(ENGINES) or "none; add them: make engines, or pip install 'mbsbench[engines]'"
+    engines = _versions(ENGINES) or f"none; {ADD_ENGINES}"
     rows = {
         "python": f"{platform.python_version()}; {_versions(PACKAGES)}",
         "machine": f"{machine.cpu_model()}, {os.cpu_count()} cores; {platform.system()} {platform.machine()}, "

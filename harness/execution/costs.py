@@ -10,6 +10,7 @@ import functools
 import itertools
 import json
 import math
+import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,10 +31,12 @@ from ..shapes import Shape, convert_shape
 from ..suites.spec import RunSpec
 from ..types import Problem
 from .eta import durations, in_words, schedule_end
-from .warmup import list_motions, runs_to_warm
+from .warmup import ABREAST, list_motions, runs_to_warm
 
 TABLE = Path(__file__).with_name("costs.toml")
 SIZES = (4.0, 63.0, 455.0)  # bodies and rows of one body, the chain and the grid, at which the table was measured
+QUICK = 1.0  # [s] of compiling that nobody waits for
+SOON = 3.0  # [s] a run, if others are to wait for it
 SHARED = 6.2  # [s] of compiling that all solvers of index 1 share: the kernels of accelerations
 LAWS = "laws"  # the name under which compiled passes of measuring are remembered
 UNKNOWN_T, UNKNOWN_STEP = 10.0, 1e-3  # [s] simulated time and step of a plugin's problem, which is not made here
@@ -193,7 +196,14 @@ class Expectation:
     @property
     def is_cold(self) -> bool:
         """Whether something has to be compiled or computed that later calls find in the caches."""
-        return self.once >= 1.0
+        return self.once >= QUICK
+
+
+def select_quick(specs: Sequence[RunSpec]) -> set[str]:
+    """Name the solvers of ``specs`` that need no code compiled first, and whose runs are known not to take long."""
+    prepared, costs, known = Prepared(), read_costs(), dict[str, Facts]()
+    own = [s for s in specs if s.solver in costs.solvers and cost_of_run(s, _facts(s, known), costs) < SOON]
+    return {s.solver for s in own if costs.solvers[s.solver].compile_s < QUICK or prepared.has(s.solver)}
 
 
 def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | None = None) -> Expectation:
@@ -204,12 +214,12 @@ def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | N
     runs = {s.settings_id: earlier.get(s.settings_id) or slow * cost_of_run(s, _facts(s, known), costs) for s in specs}
     if not specs:
         return Expectation(runs, 0.0, 0.0, jobs)
-    return Expectation(runs, slow * costs.load_s, slow * _cost_of_once(specs, jobs, costs, known), jobs)
+    return Expectation(runs, slow * costs.load_s, slow * _cost_of_once(specs, costs, known), jobs)
 
 
-def _cost_of_once(specs: Sequence[RunSpec], jobs: int, costs: Costs, known: dict[str, Facts]) -> float:
-    """Wall time [s] to compile and compute what is not remembered: references one by one, solvers side by side."""
-    warm = Prepared()
+def _cost_of_once(specs: Sequence[RunSpec], costs: Costs, known: dict[str, Facts]) -> float:
+    """Wall time [s] to compile and compute what is not remembered: laws beside references, then solvers abreast."""
+    warm, cores = Prepared(), os.cpu_count() or 1
     motions = [s for s in list_motions(specs) if _facts(s, known).has_computed_reference]
     named = (reference_name(format_name(s.problem, s.parameters)) for s in motions)
     references = sum(costs.reference_s for name in named if not warm.has(name))
@@ -218,7 +228,8 @@ def _cost_of_once(specs: Sequence[RunSpec], jobs: int, costs: Costs, known: dict
     shared = SHARED if max(compiled, default=0.0) > SHARED else 0.0
     own = sum(c - shared if c > shared else c for c in compiled)
     laws = 0.0 if warm.has(LAWS) else costs.laws_s
-    return laws + references + shared + own / min(jobs, 2)
+    first = max(laws, references) if cores > 1 else laws + references
+    return first + shared + own / min(cores, ABREAST)
 
 
 def reference_name(variant: str) -> str:

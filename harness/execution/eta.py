@@ -41,9 +41,9 @@ class Estimate:
         return self.expected.get(spec.settings_id, 0.0) * self.spent / self.foreseen
 
     def rest(self, spec: RunSpec, since: float) -> float:
-        """Return what a run will take beyond ``since`` [s]; one that is late takes half as long again, to its limit."""
-        late = min(since / 2.0, max(spec.cpu_limit - since, 0.0))
-        return max(self.guess(spec) - since, late)
+        """Return what a run will take beyond ``since`` [s]; one that is late takes half as long again."""
+        left = self.guess(spec) - since
+        return left if left > 0.0 else since / 2.0
 
     def estimate_left(self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], size: int) -> float:
         """Return [s] until all is done, ``size`` at a time; ``running`` are runs and since when [s] they run."""

@@ -110,10 +110,12 @@ def list_motions(specs: Sequence[RunSpec]) -> list[RunSpec]:
     return list(first.values())
 
 
-def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
+def references_apart(
+    jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda: False, meanwhile: Callable[[], object] = lambda: None
+) -> dict[str, float]:
     """Compute, in a process of its own, the references of ``jobs`` that are not kept yet; wall time [s] by variant.
 
-    One that fails or crashes here is left to its runs.
+    One that fails or crashes here is left to its runs. ``meanwhile`` is called in this process.
     """
 
     def run(send: Callable[[str], None]) -> None:
@@ -128,7 +130,9 @@ def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda:
 
     times: dict[str, float] = {}
     limit = 6.0 * LARGEST * max(len(jobs), 1)
-    for line in Apart(run, limit=limit, memory=MEMORY, code=CODE_LIMIT).wait(unwanted).sent.splitlines():
+    process = Apart(run, limit=limit, memory=MEMORY, code=CODE_LIMIT)
+    meanwhile()
+    for line in process.wait(unwanted).sent.splitlines():
         times |= json.loads(line)
     return times
 
