@@ -37,6 +37,7 @@ TABLE = Path(__file__).with_name("costs.toml")
 SIZES = (4.0, 63.0, 455.0)  # bodies and rows of one body, the chain and the grid, at which the table was measured
 QUICK = 1.0  # [s] of compiling that nobody waits for
 SOON = 3.0  # [s] a run, if others are to wait for it
+TOLERANCE = 1e-8  # rtol at which the table counts steps
 SHARED = 6.2  # [s] of compiling that all solvers of index 1 share: the kernels of accelerations
 LAWS = "laws"  # the name under which compiled passes of measuring are remembered
 UNKNOWN_T, UNKNOWN_STEP = 10.0, 1e-3  # [s] simulated time and step of a plugin's problem, which is not made here
@@ -145,15 +146,23 @@ def _facts_of(problem: Problem) -> Facts:
 
 def cost_of_run(spec: RunSpec, facts: Facts, costs: Costs) -> float:
     """Return the wall time [s] of a run on the machine of the table: process, set-up, solver, measuring."""
-    solver = costs.solvers.get(spec.solver) or _middle(costs, spec.control.dt is None)
-    if spec.control.dt is not None:
-        steps = facts.t_end / spec.control.dt
-    else:
-        steps = solver.steps * facts.t_end / facts.dt * ((spec.control.rtol or 1e-8) / 1e-8) ** -solver.power
-    steps = min(steps, float(spec.control.max_steps))
-    each = min(steps * at_size(solver.step_us, facts.size) * 1e-6, spec.cpu_limit)
-    measuring = costs.measure_s + steps * at_size(costs.measure_us, facts.size) * 1e-6
-    return costs.process_s + at_size(solver.setup_s, facts.size) + spec.repeats * each + measuring
+    measuring = costs.measure_s + _count_steps(spec, facts, costs) * at_size(costs.measure_us, facts.size) * 1e-6
+    set_up = at_size(_cost_of(spec, costs).setup_s, facts.size)
+    return costs.process_s + set_up + spec.repeats * cost_of_solve(spec, facts, costs) + measuring
+
+
+def cost_of_solve(spec: RunSpec, facts: Facts, costs: Costs) -> float:
+    """Return the CPU time [s] of the solver on the machine of the table."""
+    step = at_size(_cost_of(spec, costs).step_us, facts.size) * 1e-6
+    return min(_count_steps(spec, facts, costs) * step, spec.cpu_limit)
+
+
+def _count_steps(spec: RunSpec, facts: Facts, costs: Costs) -> float:
+    solver, control = _cost_of(spec, costs), spec.control
+    if control.dt is not None:
+        return min(facts.t_end / control.dt, float(control.max_steps))
+    steps = solver.steps * facts.t_end / facts.dt * ((control.rtol or TOLERANCE) / TOLERANCE) ** -solver.power
+    return min(steps, float(control.max_steps))
 
 
 @functools.cache
@@ -168,9 +177,11 @@ def _middle_of(names: tuple[str, ...]) -> SolverCost:
                       middle(s.steps for s in own), middle(s.power for s in own))  # fmt: skip
 
 
-def _middle(costs: Costs, adaptive: bool) -> SolverCost:
-    """A solver that the table does not know: the medians of those that are controlled as it is."""
-    return _middle_of(tuple(name for name, s in costs.solvers.items() if (s.steps > 0.0) is adaptive))
+def _cost_of(spec: RunSpec, costs: Costs) -> SolverCost:
+    """The solver's cost; of one that the table does not know, the medians of those that are controlled as it is."""
+    adaptive = spec.control.dt is None
+    alike = tuple(name for name, s in costs.solvers.items() if (s.steps > 0.0) is adaptive)
+    return costs.solvers.get(spec.solver) or _middle_of(alike)
 
 
 @dataclass(frozen=True)
@@ -215,6 +226,13 @@ def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | N
     if not specs:
         return Expectation(runs, 0.0, 0.0, jobs)
     return Expectation(runs, slow * costs.load_s, slow * _cost_of_once(specs, costs, known), jobs)
+
+
+def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectation:
+    """Return the same for solving each spec a number of times, ``jobs`` at a time, without a process for each."""
+    costs, slow, known = read_costs(), slowness(), dict[str, Facts]()
+    runs = {s.settings_id: slow * n * cost_of_solve(s, _facts(s, known), costs) / jobs for s, n in counted}
+    return Expectation(runs, slow * costs.load_s, slow * _cost_of_once([s for s, _ in counted], costs, known), 1)
 
 
 def _cost_of_once(specs: Sequence[RunSpec], costs: Costs, known: dict[str, Facts]) -> float:

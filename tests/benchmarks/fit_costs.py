@@ -20,12 +20,11 @@ import numpy as np
 from scipy.optimize import nnls
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.costs import SIZES, measure_loop, nearest_size, read_costs, size_of
+from mbsbench.harness.execution.costs import SIZES, TOLERANCE, measure_loop, nearest_size, read_costs, size_of
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
 
 STEPS = 50  # of a run that counts: less is timed too coarsely
-TOLERANCE = 1e-8  # the number of steps is given for
 COMPILE = """
 import sys, resource
 from mbsbench.harness.catalogue import registry

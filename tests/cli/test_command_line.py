@@ -1,6 +1,7 @@
 """The command line: one file from one line, and every wrong call reported in one line."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -219,6 +220,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     (tmp_path / "bounds.toml").write_text(BOUND)
     done = command("run", "small.toml", *WITH, "--out", "out")
     assert done.returncode == 0, done.stderr
+    assert re.match(r"2 runs, \d+ at a time: about \d+ s.*; results in out\n", done.stderr)  # before anything is run
     assert (
         "[2/2]" in done.stderr
         and "[2/2]" not in done.stdout

@@ -149,3 +149,21 @@ def test_a_dry_run_says_what_would_be_run(cold, capsys, monkeypatch):
     said = json.loads(capsys.readouterr().out)
     assert said["once_s"] > 1.0 and said["seconds"] > said["once_s"] and len(said["runs"]) == 2
     assert not (cold / "results").exists()
+
+
+def test_members_of_a_cloud_need_no_process_each(cold):
+    """A thousand solves cost a thousand times one, at so many at a time, and one start."""
+    spec = spec_of("heavy_top", "rattle", dt=0.001)
+    one, many = (costs.expect_solves([(spec, n)], 2) for n in (1, 1000))
+    each = cost_of_run(spec, costs._facts_of(registry.make_problem("heavy_top")), read_costs())
+    assert many.runs[spec.settings_id] == pytest.approx(1000.0 * one.runs[spec.settings_id]) and many.once == one.once
+    assert 0.0 < one.runs[spec.settings_id] < each
+
+
+def test_those_at_once_are_known_not_to_take_long(cold):
+    """Neither one that is to be compiled, nor one whose cost nobody knows, nor a long run; compiled, it is."""
+    fixed = [spec_of("chain", name, dt=dt) for name, dt in (("mujoco", 0.01), ("rattle", 0.01), ("exudyn", 1e-5))]
+    specs = [*fixed, spec_of("chain", "dart", dt=0.01), spec_of("chain", "ida_index1", rtol=1e-4)]
+    assert costs.select_quick(specs) == {"mujoco", "ida_index1"}
+    Prepared().add(["rattle"])
+    assert costs.select_quick(specs) == {"mujoco", "ida_index1", "rattle"}
