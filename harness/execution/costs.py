@@ -73,23 +73,27 @@ def read_costs(path: Path = TABLE) -> Costs:
 
 
 def measure_loop() -> float:
-    """Return the wall time [s] of a short loop of Python and NumPy, the median of several: how fast things go here."""
+    """Return the CPU time [s] of a short loop of Python and NumPy, the median of several: how fast a core is."""
     import numpy as np
 
     times, A = [], np.eye(6)
     for _ in range(7):
-        began = time.perf_counter()
+        began = time.process_time()
         for k in range(4000):
             A = A @ A + float(k % 3) * 1e-9
             A /= A[0, 0]
-        times.append(time.perf_counter() - began)
+        times.append(time.process_time() - began)
     return median(times)
 
 
 @functools.cache
-def slowness() -> float:
-    """How many times longer than on the machine of the table things take here, now."""
-    return measure_loop() / read_costs().loop_s
+def slowness(jobs: int) -> float:
+    """How many times longer than on the idle machine of the table a run takes here, ``jobs`` at a time.
+
+    A core may be slower, and other processes may want it: as many as did in the last minute.
+    """
+    cores, others = os.cpu_count() or 1, os.getloadavg()[0]
+    return measure_loop() / read_costs().loop_s * max(1.0, (others + jobs) / cores)
 
 
 def size_of(system: MultibodySystem) -> float:
@@ -219,7 +223,7 @@ def select_quick(specs: Sequence[RunSpec]) -> set[str]:
 
 def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | None = None) -> Expectation:
     """Return what ``specs`` will take here, ``jobs`` at a time; nothing is run but a loop of some milliseconds."""
-    costs, slow = read_costs(), slowness()
+    costs, slow = read_costs(), slowness(jobs)
     earlier = durations(local or store.LOCAL, suite)
     known: dict[str, Facts] = {}
     runs = {s.settings_id: earlier.get(s.settings_id) or slow * cost_of_run(s, _facts(s, known), costs) for s in specs}
@@ -230,7 +234,7 @@ def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | N
 
 def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectation:
     """Return the same for solving each spec a number of times, ``jobs`` at a time, without a process for each."""
-    costs, slow, known = read_costs(), slowness(), dict[str, Facts]()
+    costs, slow, known = read_costs(), slowness(jobs), dict[str, Facts]()
     runs = {s.settings_id: slow * n * cost_of_solve(s, _facts(s, known), costs) / jobs for s, n in counted}
     return Expectation(runs, slow * costs.load_s, slow * _cost_of_once([s for s, _ in counted], costs, known), 1)
 

@@ -30,7 +30,7 @@ rtol = [1e-4, 1e-6]
 def cold(tmp_path, monkeypatch):
     """No cache holds anything, and this machine is as fast as that of the table."""
     monkeypatch.setattr(costs, "cache_folder", lambda *_: tmp_path / "caches")
-    monkeypatch.setattr(costs, "slowness", lambda: 1.0)
+    monkeypatch.setattr(costs, "slowness", lambda jobs: 1.0)
     return tmp_path
 
 
@@ -114,9 +114,18 @@ def test_a_slower_machine_takes_longer(cold, monkeypatch):
     """In proportion, cold and warm."""
     specs = parse_suite(TEXT, "t", "t").specs
     before = expect(specs, 2, "", cold / "none")
-    monkeypatch.setattr(costs, "slowness", lambda: 3.0)
+    monkeypatch.setattr(costs, "slowness", lambda jobs: 3.0)
     after = expect(specs, 2, "", cold / "none")
     assert after.seconds == pytest.approx(3.0 * before.seconds) and after.once == pytest.approx(3.0 * before.once)
+
+
+def test_a_core_that_others_want_is_slower(monkeypatch):
+    """Two cores: idle, with one job of ours and five of others, with four of ours; each core half as fast."""
+    monkeypatch.setattr(costs, "measure_loop", lambda: 2.0 * read_costs().loop_s)
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    for others, jobs, factor in ((0.0, 2, 1.0), (5.0, 1, 3.0), (0.0, 4, 2.0), (4.0, 4, 4.0), (1.0, 1, 1.0)):
+        monkeypatch.setattr("os.getloadavg", lambda others=others: (others, 0.0, 0.0))
+        assert costs.slowness.__wrapped__(jobs) == pytest.approx(2.0 * factor)
 
 
 def test_a_problem_of_a_plugin_is_not_made(cold):
