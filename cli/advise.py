@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
 from rich.text import Text
 
 from ..harness.catalogue import registry
@@ -23,7 +22,7 @@ from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
 from ..harness.types import Problem
 from .arguments import UsageError, count_jobs, load_problem
-from .progress import run_watched
+from .progress import announce, run_watched
 from .terminal import (
     Column,
     error_console,
@@ -67,13 +66,12 @@ def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float
     is_known = not problem.literal_start and is_computable(problem.system)
     if not is_known and problem.reference() is None:  # asked only where needed: it may take seconds to compute
         raise UsageError(f"{problem.name} has no reference: no error is known; compare solvers with mbsbench run")
-    messages = error_console()
     first = [s for c in candidates if (s := c.next_spec()) is not None]
     quick = select_quick(first)
     early = [c for c in candidates if c.solver in quick]
     rounds = [*([early] if 0 < len(early) < len(candidates) else []), *[candidates] * ROUNDS]
     if not quiet:
-        print_plan(first, size, messages)
+        announce(describe_plan(first, size), error_console())
     with tempfile.TemporaryDirectory() as place:
         for k, chosen in enumerate(rounds):
             asked = {s.settings_id: (c, s) for c in chosen if (s := c.next_spec()) is not None}
@@ -90,11 +88,11 @@ def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float
                 break
 
 
-def print_plan(first: Sequence[RunSpec], size: int, out: Console) -> None:
-    """Print what will be done and how long it takes here."""
+def describe_plan(first: Sequence[RunSpec], size: int) -> str:
+    """Return what will be done, and how long it takes here."""
     one = expect(first, size)
     whole = replace(one, loading=ROUNDS * one.loading, runs={k: TYPICAL * x for k, x in one.runs.items()})
-    out.print(f"{plural(len(first), 'solver')}, up to {ROUNDS} settings of each, {size} at a time: {whole.words}")
+    return f"{plural(len(first), 'solver')}, up to {ROUNDS} settings of each, {size} at a time: {whole.words}"
 
 
 def _print_so_far(ranked: list[Candidate], of: int, *, first: bool) -> None:

@@ -65,9 +65,7 @@ class Watch:
         if self.announces and not further:
             where = f"; results in {folder}" if self.resumable else ""
             time_needed = describe_time(expected) if self.here else ""
-            self._say(f"{plural(total, 'run')}{kept}{time_needed}{where}")
-            if lacking := describe_lacking():
-                self._say(lacking)
+            announce(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
         for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
             self._say(line)
         self.tick()
@@ -183,6 +181,12 @@ def warn_of_own_bits() -> None:
     """Print a line where runs of this machine will not have the bits that they have elsewhere, unless natively."""
     if words := machine.explain_deviations():
         error_console().print(words)
+
+
+def announce(words: str, out: Console) -> None:
+    """Print what a command will do, before it does it, and what this machine lacks for that."""
+    for line in filter(None, (words, describe_lacking())):
+        out.print(Text(line), highlight=False, soft_wrap=True)
 
 
 def describe_time(expected: Expectation) -> str:

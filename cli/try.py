@@ -18,7 +18,7 @@ from ..harness.types import EndedBy
 from .arguments import UsageError, count_jobs, load_plugins
 from .check import resolve_entries
 from .findings import print_findings
-from .progress import run_watched
+from .progress import announce, run_watched
 from .terminal import console, error_console
 
 NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         most = in_words(arguments.budget / jobs)
         plan = f"runs within {arguments.budget:g} s of CPU time (--budget), {jobs} at a time: at most about {most}"
-        error_console().print(f"{solver}: {plan}, and what has to be compiled")
+        announce(f"{solver}: {plan}, and what has to be compiled", error_console())
 
     def run_stage(specs: Sequence[RunSpec], rest: float, resume: bool) -> Sequence[RunRecord] | None:
         suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=NET * rest)
