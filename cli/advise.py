@@ -138,10 +138,21 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
                         "steps": r.steps, "why_not": c.why_not})  # fmt: skip
     else:
         below = [f"cheapest: {best.case}" if best else "no solver meets it", "factors of CPU time below 1.5 say little"]
-        if missing:
-            below.append(f"not installed: {', '.join(missing)}; {ADD_ENGINES}")
+        below += _list_missing([c for c in candidates if c.solver in missing])
         print_table(COLUMNS, _list_rows([c for c in candidates if c.solver not in missing]), *below)
     return 0 if best else 1
+
+
+def _list_missing(candidates: list[Candidate]) -> list[str]:
+    """Return a line for all engines that are not installed, and one for each package that solvers of ours lack."""
+    names = {c.solver: registry.solvers()[c.solver].make.__module__.split(".") for c in candidates}
+    engines = [name for name, module in names.items() if "engines" in module]
+    lines = [f"not installed: {', '.join(engines)}; {ADD_ENGINES}"] if engines else []
+    others: dict[str, list[str]] = {}
+    for c in candidates:
+        if c.solver not in engines:
+            others.setdefault(c.closest.message, []).append(c.solver)
+    return lines + [f"{', '.join(own)}: {message}" for message, own in others.items()]
 
 
 def _list_rows(candidates: list[Candidate]) -> list[tuple[Text | str, ...]]:
