@@ -80,9 +80,10 @@ def test_the_kept_catalogue_is_the_one_of_the_code(tmp_path, monkeypatch):
     assert [p.name for p in tmp_path.iterdir()] == ["other.json"]
 
 
-def test_the_overview_fits_a_screen(capsys, monkeypatch):
-    """24 to 40 lines of 80 columns, with every name; each kind has its own list."""
-    monkeypatch.setenv("COLUMNS", "80")
+@pytest.mark.parametrize("columns", ["80", ""])
+def test_the_overview_fits_a_screen(capsys, monkeypatch, columns):
+    """24 to 40 lines of 80 columns, in a pipe too, with every name; each kind has its own list."""
+    monkeypatch.setenv("COLUMNS", columns)
     assert main(["list"]) == 0
     out = capsys.readouterr().out
     assert 24 <= len(out.splitlines()) <= 40 and max(map(len, out.splitlines())) <= 80
