@@ -37,7 +37,7 @@ def describe_version(options: Sequence[str]) -> str:
     }
     if VERBOSE in options:
         rows |= {"package": str(ROOT), "results": str(Path("results", "local").absolute())}
-        rows |= {f"cache of {what}": str(folder) for what, folder in list_caches().items()}
+        rows |= {f"cache {c.name}": f"{c.folder} ({c.bytes / 1e6:.1f} MB)" for c in list_caches()}
     width = max(map(len, rows))
     return "\n".join([f"mbsbench {version('mbsbench')}{words}", *(f"{k:<{width}}  {v}" for k, v in rows.items()), ""])
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from ..cache import CACHES, cache_folder
+from ..cache import IN_CHECKOUT, ROOT, cache_folder
 from ..catalogue import registry
 from ..files import FileError, parse_json, parse_toml, read_text, to_json, write_text
 from ..machine import llvm_target
@@ -263,7 +263,7 @@ class Prepared:
     """What the caches of this machine hold for this code, as far as was seen when it was made."""
 
     def __init__(self) -> None:
-        folder = cache_folder("warmed", CACHES["warmed"][1])
+        folder = cache_folder("warmed", ROOT / IN_CHECKOUT["warmed"])
         self.path = folder / "warmed.json"
         self.names: dict[str, Any] = {}
         with contextlib.suppress(FileError):
