@@ -122,7 +122,6 @@ bench: $(READY) ## run the suite `bench` (with engines where `make engines` has 
 	$(BIN)/mbsbench report
 
 paper: $(READY) ## judge the paper (an hour on two cores): run or resume the suite `referee`; verdicts, figures, report
-	@echo 'suite referee: about an hour on two cores, about as much less on more; what is valid in the newest results is kept' >&2
 	$(BIN)/mbsbench run referee --resume
 	@status=0; $(BIN)/mbsbench judge || status=$$?; test $$status -le 1 || exit $$status; \
 	$(BIN)/mbsbench figures --paper && $(BIN)/mbsbench report && exit $$status

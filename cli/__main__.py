@@ -5,13 +5,13 @@ import os
 import signal
 import sys
 from importlib import import_module
-from importlib.metadata import version
 from typing import NoReturn
 
 if not hasattr(os, "fork"):  # before the imports below fail, one by one, on what Windows does not have
     sys.exit("error: mbsbench runs solvers in forked processes, which Windows does not have: use WSL")
 
 from ..harness import machine
+from ..harness.catalogue.options import nearest
 from .commands import add_commands
 from .parser import UsageError, top_parser
 
@@ -33,16 +33,16 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         parser, commands = top_parser()
         add_commands(commands)
-        if not words or words[0] in ("-h", "--help", "--version"):
-            sys.stdout.write(
-                f"mbsbench {version('mbsbench')}\n" if words[:1] == ["--version"] else parser.format_help()
-            )
+        if not words or words[0] in ("-h", "--help"):
+            sys.stdout.write(parser.format_help())
+            return 0
+        if words[0] == "--version":
+            from .version import describe_version  # here, as what a command alone needs
+
+            sys.stdout.write(describe_version(words[1:]))
             return 0
         if words[0] not in commands.choices:
-            names = ", ".join(commands.choices)
-            raise UsageError(
-                f"argument COMMAND: invalid choice: {words[0]!r} (choose from {names}; see mbsbench --help)"
-            )
+            raise UsageError(f"no command is called {words[0]!r}{nearest(words[0], list(commands.choices))}")
         parsed = parser.parse_args(words)
         command = parsed.command
         return int(import_module(f".{command}", __package__).run(parsed))

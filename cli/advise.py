@@ -4,24 +4,39 @@ import argparse
 import json
 import math
 import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.text import Text
 
 from ..harness.catalogue import registry
+from ..harness.execution.costs import expect, select_quick
 from ..harness.execution.runner import Request
 from ..harness.races.cheapest import Candidate, cost_of, rank
-from ..harness.reference.computation import Source, is_computable, source_of
+from ..harness.reference.computation import is_computable
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.sandbox.trial import make_problem
+from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
 from ..harness.types import Problem
 from .arguments import UsageError, count_jobs, load_problem
-from .progress import run_watched
-from .terminal import Column, number, print_json, print_table, status_style
+from .progress import announce, run_watched
+from .terminal import (
+    Column,
+    error_console,
+    number,
+    plural,
+    print_json,
+    print_table,
+    status_style,
+    table_console,
+)
+from .version import ADD_ENGINES
 
 ROUNDS = 6
+TYPICAL = 3  # settings of a solver that are tried until it meets the error, of at most ROUNDS
 OWN = 3.0  # times the stated error of the reference: nothing is judged below
 COLUMNS = (
     Column("solver", right=False), Column("setting", right=False), Column("motion error [m]"), Column("CPU [s]"),
@@ -46,24 +61,49 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float, size: int, *, quiet: bool) -> None:
-    """Run settings, a round of all solvers at a time."""
+    """Run settings, a round of all solvers at a time; before, one of those that are there at once."""
     problem = candidates[0].problem
-    source = source_of(problem)
-    if source in (Source.OWN, Source.CERTIFIED) and problem.reference() is None:
-        source = Source.COMPUTED if is_computable(problem.system) else Source.NONE
-    if source is Source.NONE:
+    is_known = not problem.literal_start and is_computable(problem.system)
+    if not is_known and problem.reference() is None:  # asked only where needed: it may take seconds to compute
         raise UsageError(f"{problem.name} has no reference: no error is known; compare solvers with mbsbench run")
+    first = [s for c in candidates if (s := c.next_spec()) is not None]
+    quick = select_quick(first)
+    early = [c for c in candidates if c.solver in quick]
+    rounds = [*([early] if 0 < len(early) < len(candidates) else []), *[candidates] * ROUNDS]
+    if not quiet:
+        announce(describe_plan(first, size), error_console())
     with tempfile.TemporaryDirectory() as place:
-        for k in range(ROUNDS):
-            asked = {s.settings_id: (c, s) for c in candidates if (s := c.next_spec()) is not None}
+        for k, chosen in enumerate(rounds):
+            asked = {s.settings_id: (c, s) for c in chosen if (s := c.next_spec()) is not None}
             if not asked:
                 break
+            if k and not quiet:
+                _print_so_far(rank(candidates), len(candidates), first=k == 1)
             suite = Suite("advise", "", tuple(s for _, s in asked.values()), "", plugins)
-            loaded, _ = run_watched(Request(suite, Path(place) / f"round{k}", size), quiet=quiet, resumable=False)
+            request = Request(suite, Path(place) / f"round{k}", size)
+            loaded, _ = run_watched(request, quiet=quiet, resumable=False, announces=False)
             for r in loaded.records:
                 asked[r.settings_id][0].runs.append(r)
             if sum(_cpu_without_code(r) for c in candidates for r in c.runs) / size > budget:
                 break
+
+
+def describe_plan(first: Sequence[RunSpec], size: int) -> str:
+    """Return what will be done, and how long it takes here."""
+    one = expect(first, size)
+    whole = replace(one, loading=ROUNDS * one.loading, runs={k: TYPICAL * x for k, x in one.runs.items()})
+    return f"{plural(len(first), 'solver')}, up to {ROUNDS} settings of each, {size} at a time: {whole.words}"
+
+
+def _print_so_far(ranked: list[Candidate], of: int, *, first: bool) -> None:
+    """Print the first table, then how it got better, on standard error."""
+    meeting = [c for c in ranked if c.best]
+    words = f"so far {len(meeting)} of {plural(of, 'solver')} meet it"
+    if first and meeting:
+        print_table(COLUMNS[:-1], [row[:-1] for row in _list_rows(meeting)], words, out=table_console(stderr=True))
+    else:
+        best = f"; cheapest: {meeting[0].best.case}" if meeting and meeting[0].best else ""
+        error_console().print(f"{words}{best}")
 
 
 def _cpu_without_code(r: RunRecord) -> float:
@@ -89,19 +129,40 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
     if OWN * own > error:
         raise UsageError(f"--error must be at least {OWN * own:.2g} m: the reference's own is {own:.2g} m")
     best = candidates[0].best if candidates else None
-    rows = []
+    missing = [c.solver for c in candidates if all(r.missing_package for r in c.runs)]
+    if as_json:
+        for c in candidates:
+            r = c.best or c.closest
+            print_json({"solver": c.solver, "case": r.case, "meets": bool(c.best), "status": r.status, "dt_s": r.dt_s,
+                        "rtol": r.rtol, "motion_error_m": r.motion_error_judged_m, "cpu_s": r.cpu_median_s,
+                        "steps": r.steps, "why_not": c.why_not})  # fmt: skip
+    else:
+        below = [f"cheapest: {best.case}" if best else "no solver meets it", "factors of CPU time below 1.5 say little"]
+        below += _list_missing([c for c in candidates if c.solver in missing])
+        print_table(COLUMNS, _list_rows([c for c in candidates if c.solver not in missing]), *below)
+    return 0 if best else 1
+
+
+def _list_missing(candidates: list[Candidate]) -> list[str]:
+    """Return a line for all engines that are not installed, and one for each package that solvers of ours lack."""
+    names = {c.solver: registry.solvers()[c.solver].make.__module__.split(".") for c in candidates}
+    engines = [name for name, module in names.items() if "engines" in module]
+    lines = [f"not installed: {', '.join(engines)}; {ADD_ENGINES}"] if engines else []
+    others: dict[str, list[str]] = {}
+    for c in candidates:
+        if c.solver not in engines:
+            others.setdefault(c.closest.message, []).append(c.solver)
+    return lines + [f"{', '.join(own)}: {message}" for message, own in others.items()]
+
+
+def _list_rows(candidates: list[Candidate]) -> list[tuple[Text | str, ...]]:
+    """A row for each, with factors of the cost of the first."""
+    best = candidates[0].best if candidates else None
+    rows: list[tuple[Text | str, ...]] = []
     for c in candidates:
         r = c.best or c.closest
-        plain = {"solver": c.solver, "case": r.case, "meets": bool(c.best), "status": r.status, "dt_s": r.dt_s,
-                 "rtol": r.rtol, "motion_error_m": r.motion_error_judged_m, "cpu_s": r.cpu_median_s,
-                 "steps": r.steps, "why_not": c.why_not}  # fmt: skip
-        if as_json:
-            print_json(plain)
-        setting = f"{c.control}={c.setting(r):g}"
         factor = number(cost_of(r)[0] / cost_of(best)[0], 2) if c.best and best else ""
-        cells = (setting, number(r.motion_error_judged_m), number(r.cpu_median_s, 2), factor, str(r.steps), c.why_not)
-        rows.append((Text(c.solver, "" if c.best else status_style(r.status)), *cells))
-    if not as_json:
-        below = f"cheapest: {best.case}" if best else "no solver meets it"
-        print_table(COLUMNS, rows, below, "factors of CPU time below 1.5 say little")
-    return 0 if best else 1
+        name = Text(c.solver, "" if c.best else status_style(r.status))
+        rows.append((name, f"{c.control}={c.setting(r):g}", number(r.motion_error_judged_m), number(r.cpu_median_s, 2),
+                     factor, str(r.steps), c.why_not))  # fmt: skip
+    return rows

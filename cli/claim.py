@@ -81,7 +81,6 @@ def _run_claim(arguments: argparse.Namespace, register: Register) -> Claim:
     folder = Path(arguments.out) if arguments.out else last_folder(name) or new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
     if specs:
-        error_console().print(f"{len(specs)} runs on {request.jobs} processes, kept in {folder}")
         loaded, watcher = run_watched(request, quiet=arguments.json)
         watcher.finish(folder, loaded)
     records = loaded.records if specs else ()

@@ -28,6 +28,7 @@ COMPUTING = (  # take --native
 )  # fmt: skip
 NATIVE = "compute as this processor does it fastest; else the same bits on every processor with AVX2"
 CHANGES = 40  # shown by diff
+SHELLS = ("bash", "zsh", "fish")
 TRUTH = "rkmk_dop853"  # compiled once for all starts
 SEED = 1  # the same sample every time, unless --seed says otherwise
 MEANING = {
@@ -44,7 +45,7 @@ def add_commands(commands: Any) -> None:
     for add in (
         _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_ensemble,
         _add_fuzz, _add_referee, _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff,
-        _add_merge, _add_bundle, _add_submit, _add_ladder, _add_history, _add_figures,
+        _add_merge, _add_bundle, _add_submit, _add_ladder, _add_history, _add_figures, _add_completion,
     ):  # fmt: skip
         add(commands)
 
@@ -62,9 +63,9 @@ def subcommand(commands: Any, name: str, summary: str, json: str = "") -> argpar
 
 
 def _add_list(commands: Any) -> None:
-    words = "list problems, solvers and suites, with options, units and defaults"
+    words = "list problems, solvers and suites, or explain one of them with options, units and defaults"
     p = subcommand(commands, "list", words, "one object")
-    p.add_argument("name", nargs="?", metavar="NAME", help="only this problem or solver")
+    p.add_argument("name", nargs="?", metavar="NAME", help="problems, solvers, or the name of one of these")
     add_plugin(p)
 
 
@@ -74,7 +75,7 @@ def _add_solve(commands: Any) -> None:
     add_problem(p)
     p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
     add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
-    p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz)")
+    p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz, then -2, -3, ...)")
     p.add_argument(
         "--shadow", action="store_true", help="also find the nearest true motion, as the command shadow does"
     )
@@ -86,6 +87,9 @@ def _add_run(commands: Any) -> None:
     p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
     add_running(p)
     p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
+    p.add_argument(
+        "--dry-run", action="store_true", help="print the runs and how long they will take here; run nothing"
+    )
     p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
@@ -356,3 +360,9 @@ def _add_figures(commands: Any) -> None:
     p.add_argument("--paper", action="store_true", help="write figures 1 to 12 of the paper instead, with notes")
     only = "only this problem, or with --paper this figure, e.g. fig05; may be repeated"
     p.add_argument("--only", action="append", default=[], metavar="NAME", help=only)
+
+
+def _add_completion(commands: Any) -> None:
+    words = "print the script by which a shell completes commands, options and names; its first lines say where it goes"
+    p = subcommand(commands, "completion", words)
+    p.add_argument("shell", choices=SHELLS, metavar="SHELL", help=", ".join(SHELLS))

@@ -9,8 +9,9 @@ from rich.text import Text
 from ..harness.catalogue import registry
 from ..harness.ensemble.clouds import Cloud, Code, Ensemble, make_ensemble, run_cloud
 from ..harness.ensemble.verdict import ALL_C, NO_DIFFERENCE, Comparison, compare_clouds, judge
+from ..harness.execution.costs import expect_solves
 from ..harness.sandbox.trial import make_problem
-from ..harness.suites.spec import step_control
+from ..harness.suites.spec import RunSpec, step_control
 from ..harness.types import Problem
 from .arguments import UsageError, count_jobs, load_problem, parse_assignments, positive_float
 from .commands import CONTROL
@@ -40,6 +41,10 @@ def run(arguments: argparse.Namespace) -> int:
     times = [positive_float(t, "--at") for t in arguments.at.split(",")] if arguments.at else []
     e = make_ensemble(problem, arguments.spread, arguments.seed, times or (0.5 * problem.t_end, problem.t_end))
     n, jobs = arguments.starts, count_jobs(arguments.jobs)
+    if not arguments.json:
+        specs = [RunSpec(problem.name, c.name, c.control, dict(problem.parameters)) for c in (truth, *codes)]
+        time = expect_solves([(s, n if k else 2 * n) for k, s in enumerate(specs)], jobs).words
+        error_console().print(f"{plural(n, 'start')} of {plural(len(codes), 'solver')}, {jobs} at a time: {time}")
     same, other = (_run(e, truth, range(first, first + n), jobs, first == 0) for first in (0, n))
     clouds = [_run(e, code, range(n), jobs) for code in codes]
     perfect = [replace(c, solver=PERFECT) for c in compare_clouds(e, same, same, other)]

@@ -5,6 +5,7 @@ import contextlib
 import dataclasses
 import difflib
 import math
+import os
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -18,8 +19,8 @@ from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Request, new_folder
 from ..harness.files import write_text
 from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
-from ..harness.gate.check import STATES, Judged, judge, select_judged, tighten_bounds
-from ..harness.gate.files import as_plain, junit, markdown
+from ..harness.gate.check import STATES, WORST, Judged, judge, select_judged, tighten_bounds
+from ..harness.gate.files import annotate, as_plain, junit, markdown
 from ..harness.gate.rounding import Repeat, cores_here, repeat_run
 from ..harness.gate.spread import Sample, find_unstable, widen_by_spread
 from ..harness.gate.thresholds import Thresholds, propose_bounds
@@ -34,7 +35,7 @@ from ..harness.suites.suite import Suite, load_suite
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
 from .progress import run_watched, warn_of_own_bits
-from .terminal import console, error_console, print_json
+from .terminal import console, error_console, plural, print_json
 
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
 
@@ -87,6 +88,9 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(as_plain(result, suite.name))
     else:
         _print(result, everything=arguments.all)
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        for line in annotate(result, suite.name):
+            error_console().print(line)
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
             write_text(file, made(result, suite.name))
@@ -130,8 +134,13 @@ def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[
 
 
 def _print(result: Judged, *, everything: bool) -> None:
-    shown = result.findings if everything else result.notable
-    print_findings(map(_say_before, shown))
+    """Print the worst last, where a log of CI is read first, and before it the causes of what follows from them."""
+    implied = [] if everything else result.consequences
+    shown = [f for f in (result.findings if everything else result.notable) if f not in implied]
+    print_findings(map(_say_before, sorted(shown, key=lambda f: WORST.index(f.verdict), reverse=True)))
+    if implied:
+        words = f"{plural(len(implied), 'bound')} more of runs that did not end as expected"
+        console().print(f"{words} failed with them (--all shows them)")
     if more := sum(f.verdict is Verdict.MET and f not in shown for f in result.findings):
         console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
     words = f"{result.headline} ({result.summary})" if result.absent else f"{result.headline}: {result.summary}"

@@ -1,10 +1,11 @@
-"""``list``: problems, solvers and suites, each option with its unit and default; or one of them."""
+"""``list``: the names of problems, solvers and suites; all of one kind; or one entry with its options."""
 
 import argparse
 import contextlib
 import dataclasses
 import hashlib
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -36,43 +37,67 @@ Entry = Mapping[str, Any]
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the catalogues, or one entry."""
+    """Print an overview, all of one kind, or one entry."""
     load_plugins(arguments.plugin)
     plain = describe_catalogue() if arguments.plugin else load_catalogue()
-    if arguments.name is not None:
-        plain = {**plain, **{kind: [e for e in plain[kind] if e["name"] == arguments.name] for kind in KINDS}}
+    name = arguments.name
+    if name in KINDS:
+        plain = {**plain, **{kind: [] for kind in KINDS if kind != name}}
+    elif name is not None:
+        known = [*KINDS, *(e["name"] for kind in KINDS for e in plain[kind])]
+        plain = {**plain, **{kind: [e for e in plain[kind] if e["name"] == name] for kind in KINDS}}
         if not any(plain[kind] for kind in KINDS):
-            names = [e["name"] for kind in KINDS for e in load_catalogue()[kind]]
-            raise UsageError(f"no problem or solver is called {arguments.name!r}{nearest(arguments.name, names)}")
+            raise UsageError(f"no problem or solver is called {name!r}{nearest(name, known)}")
     from .terminal import print_json, table_console  # here: JSON and a wrong name need no tables
 
     if arguments.json:
         print_json({k: v for k, v in plain.items() if k in (*KINDS, "suites")})
-    elif arguments.name is not None:
+    elif name in KINDS:
+        print_kind(plain, name)
+    elif name is not None:
         print_one(plain, table_console())
     else:
-        print_all(plain, table_console())
+        print_overview(plain, table_console())
     return 0
 
 
 KINDS = ("problems", "solvers")
+CONTROLS = {"dt": "Solvers with a fixed step dt", "rtol": "Solvers with a tolerance rtol"}
+WIDTH = 80  # of the overview, at most
 
 
-def print_all(plain: Entry, out: "Console") -> None:
-    """Print every problem, solver and suite."""
-    out.print("[bold]Problems[/bold]   --problem-set name=value\n")
-    for p in plain["problems"]:
-        _print_problem(p, plain, out)
-    out.print("[bold cyan]every problem[/bold cyan]  has these too")
-    _print_options(out, plain["every_problem"])
-    out.print("[bold]Problems by what they test[/bold]")
+def print_overview(plain: Entry, out: "Console") -> None:
+    """Print the names of problems, solvers and suites on one screen."""
+    groups = {"Problems": [p["name"] for p in plain["problems"]]}
+    groups |= {words: [s["name"] for s in plain["solvers"] if s["control"] == k] for k, words in CONTROLS.items()}
+    groups["Suites"] = plain["suites"]
+    width = min(out.width, WIDTH)
+    for title, names in groups.items():
+        out.print(f"[bold]{title}[/bold] ({len(names)})")
+        out.print(textwrap.fill(", ".join(names), width, initial_indent="  ", subsequent_indent="  "), markup=False)
+    out.print("[bold]What problems test[/bold]")
     for trait in plain["traits"]:
-        out.print(f"  {trait}: {', '.join(p['name'] for p in plain['problems'] if trait in p['tests'])}")
-    out.print()
-    out.print("[bold]Solvers[/bold]   --set name=value\n")
-    for s in plain["solvers"]:
-        _print_solver(s, plain, out)
-    out.print("[bold]Suites[/bold]   " + ", ".join(plain["suites"]))
+        tested = ", ".join(p["name"] for p in plain["problems"] if trait in p["tests"])
+        lines = textwrap.fill(f"{trait}: {tested}", width, initial_indent="  ", subsequent_indent="    ")
+        out.print(lines, markup=False)
+    out.print("more: list problems, list solvers; list NAME has options, units and defaults", style="dim")
+
+
+def print_kind(plain: Entry, kind: str) -> None:
+    """Print each problem or each solver with its summary."""
+    from .terminal import Column, print_table
+
+    summary = Column("", right=False, fold=True)
+    columns: tuple[Column, ...]
+    rows: list[tuple[str, ...]]
+    if kind == "problems":
+        columns = (Column("problem", right=False), Column("T [s]", rank=1), summary)
+        rows = [(p["name"], f"{p['t_end_s']:g}" if p["t_end_s"] else "", p["doc"]) for p in plain[kind]]
+    else:
+        columns = (Column("solver", right=False), Column("step", right=False), Column("order", rank=1), summary)
+        rows = [(s["name"], s["control"], "" if s["order"] is None else f"{s['order']:g}", s["doc"])
+                for s in plain[kind]]  # fmt: skip
+    print_table(columns, rows)
 
 
 def print_one(plain: Entry, out: "Console") -> None:

@@ -12,6 +12,7 @@ GROUPS = {  # of commands, in the order of --help
     "put yours in": "check try fuzz referee shadow export submit ladder",
     "judge": "judge claim gate",
     "keep results": "verify diff merge bundle",
+    "set up": "completion",
 }
 MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."
 
@@ -69,5 +70,8 @@ class Parser(argparse.ArgumentParser):
 def top_parser() -> tuple[Parser, Any]:
     """The parser of ``mbsbench``, and what its commands are added to."""
     parser = Parser(prog="mbsbench", description=WORDS, epilog=MORE, formatter_class=Groups)
-    parser.add_argument("--version", action="store_true", help="print the version")
+    parser.add_argument(
+        "--version", action="store_true", help="print the version, and what a report of a fault needs to say"
+    )
+    parser.add_argument("--verbose", action="store_true", help="with --version: also the places of caches and results")
     return parser, parser.add_subparsers(title="commands", metavar="COMMAND", required=True, parser_class=Parser)

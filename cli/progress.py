@@ -12,7 +12,8 @@ from rich.live import Live
 from rich.text import Text
 
 from ..harness import machine
-from ..harness.execution.eta import PREPARING, Estimate, describe_wait, durations, in_words
+from ..harness.execution.costs import Expectation, expect
+from ..harness.execution.eta import PREPARING, Estimate, describe_wait, in_words
 from ..harness.execution.job import Job
 from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Executor, Request, run_suite
@@ -20,6 +21,7 @@ from ..harness.results.records import RunRecord
 from ..harness.results.store import Loaded, Unreadable
 from ..harness.results.words import why
 from ..harness.sandbox.isolation import describe_lacking
+from ..harness.suites.spec import RunSpec
 from ..harness.types import Status
 from .terminal import error_console, list_unreadable, plural, status_style
 
@@ -33,14 +35,19 @@ EVERY = 30.0  # [s] between two progress lines where there is no bar
 class Watch:
     """Prints one line per finished run, and keeps the status lines at the bottom of a terminal."""
 
-    def __init__(self, console: Console, live: Live | None, size: int = 1, *, resumable: bool = True) -> None:
+    def __init__(
+        self, console: Console, live: Live | None, size: int = 1, *, resumable: bool = True, announces: bool = True,
+        here: bool = True,
+    ) -> None:  # fmt: skip
         self.console, self.live, self.size, self.resumable = console, live, size, resumable
+        self.here = here  # whether runs are run on this machine, whose pace is known
+        self.announces = announces  # what will be done; a command that runs several suites does so itself
         self.total = self.before = self.done = 0
         self.opened = self.reported = time.monotonic()
         self.begun = math.inf  # when the first run began
         self.waiting: dict[str, Job] = {}
         self.running: dict[str, tuple[Job, float]] = {}
-        self.estimate = Estimate({})
+        self.estimate, self.once = Estimate({}), 0.0
         self.warming = False  # no run has begun
         self.compiling = False  # and not mentioned yet
         self.worst = (0.0, "")
@@ -52,12 +59,13 @@ class Watch:
         self.warming = bool(waiting)
         further = bool(self.before) and not self.resumable  # a later stage of the same command
         self.compiling = self.warming and not further
-        self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
+        expected = expect([job.spec for job in waiting], self.size, waiting[0].suite if waiting else "")
+        self.estimate, self.once = Estimate(expected.runs), expected.once
         kept = f", {self.before} already done" if self.before else ""
-        if not further:
-            self._say(f"{plural(total, 'run')}{kept}{f', results in {folder}' if self.resumable else ''}")
-            if lacking := describe_lacking():
-                self._say(lacking)
+        if self.announces and not further:
+            where = f"; results in {folder}" if self.resumable else ""
+            time_needed = describe_time(expected) if self.here else ""
+            announce(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
         for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
             self._say(line)
         self.tick()
@@ -81,6 +89,8 @@ class Watch:
         if record.status not in (Status.SUCCESS, Status.REFUSED):
             because = why(record)
             words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
+        if record.missing_package and not self.announces:  # the command itself names what is not installed
+            return
         count = f"[{self.before + self.done}/{self.total}]"
         self._say(f"{count} {words}", status_style(record.status))
         self.tick()
@@ -95,12 +105,14 @@ class Watch:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            self._say(describe_wait(PREPARING, now - self.opened))
+            if self.once > PATIENCE:  # else it is loading, which every start does
+                self._say(describe_wait(PREPARING, now - self.opened, self.once))
         if self.live is not None:
             self.live.update(Group(*self.foot(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:
             self.reported = now
-            self._say(f"    {self.count()}; {self.drift()}" if self.worst[1] else f"    {self.count()}")
+            drift = f"; largest energy drift: {self.drift()}" if self.worst[1] else ""
+            self._say(f"    {self.count()}{drift}")
 
     def on_stop(self, left: Sequence[Job], limit: float) -> None:
         self.left = len(left)
@@ -118,34 +130,44 @@ class Watch:
         counted = Counter(r.status for r in loaded.records)
         words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
         spent = time.monotonic() - self.opened
-        self._say(f"{plural(len(loaded.records), 'run')}: {words} in {spent:.1f} s; {folder}/runs.parquet")
+        out = Console(quiet=self.console.quiet, highlight=False, markup=False, soft_wrap=True)
+        out.print(f"{plural(len(loaded.records), 'run')}: {words} in {spent:.1f} s; {folder}/runs.parquet")
         if self.worst[1]:
-            self._say(f"largest energy drift: {self.drift()}")
+            out.print(f"largest energy drift: {self.drift()}")
 
     def foot(self, now: float) -> list[Text]:
         """The status lines, none wider than the terminal."""
-        share = (self.before + self.done) / self.total if self.total else 0.0
-        full = round(share * BAR)
+        full = round(self.estimate.share_done(self._list_running(), self._list_waiting()) * BAR)
         lines = [Text.assemble(("━" * full, "green"), ("─" * (BAR - full), "dim"), f" {self.count()}")]
         if self.worst[1]:
             lines.append(Text(f"worst drift: {self.drift()}"))
         for job, since in list(self.running.values())[:SHOWN]:
-            guess = self.estimate.guess(job.spec)
-            of = f" of about {in_words(guess)}" if guess is not None else ""
-            lines.append(Text(f"  {now - since:.0f} s{of}: {job.spec.case}", "dim"))
+            of = in_words(now - since + self.estimate.rest(job.spec, now - since))
+            lines.append(Text(f"  {now - since:.0f} s of about {of}: {job.spec.case}", "dim"))
         if self.warming:
-            lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened)}", "dim"))
+            lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened, self.once)}", "dim"))
         for line in lines:
             line.no_wrap, line.overflow = True, "ellipsis"
         return lines
 
     def count(self) -> str:
-        """The number of finished runs, and the time left."""
+        """The number of finished runs, the share of the work that is done, and the time left."""
+        running, waiting = self._list_running(), self._list_waiting()
+        words = f"{self.before + self.done} of {plural(self.total, 'run')}"
+        if not (running or waiting):
+            return words
+        share, left = (f(running, waiting) for f in (self.estimate.share_done, self._estimate_left))
+        return f"{words}, {100.0 * share:.0f} % of the work, about {in_words(left)} left"
+
+    def _estimate_left(self, running: Sequence[tuple[RunSpec, float]], waiting: Sequence[RunSpec]) -> float:
+        return self.estimate.estimate_left(running, waiting, self.size)
+
+    def _list_running(self) -> list[tuple[RunSpec, float]]:
         now = time.monotonic()
-        running = [(job.spec, now - since) for job, since in self.running.values()]
-        left = self.estimate.estimate_left(running, (job.spec for job in self.waiting.values()), self.size)
-        words = "" if left is None or not (running or self.waiting) else f", about {in_words(left)} left"
-        return f"{self.before + self.done} of {self.total}{words}"
+        return [(job.spec, now - since) for job, since in self.running.values()]
+
+    def _list_waiting(self) -> list[RunSpec]:
+        return [job.spec for job in self.waiting.values()]
 
     def drift(self) -> str:
         """The largest so far."""
@@ -161,15 +183,28 @@ def warn_of_own_bits() -> None:
         error_console().print(words)
 
 
-def run_watched(
-    request: Request, *, quiet: bool, resumable: bool = True, pool: Callable[..., Executor] = LocalPool
-) -> tuple[Loaded, Watch]:
-    """Run a suite under a ``Watch``: with status lines on a terminal; ``quiet``: one that prints nothing.
+def announce(words: str, out: Console) -> None:
+    """Print what a command will do, before it does it, and what this machine lacks for that."""
+    for line in filter(None, (words, describe_lacking())):
+        out.print(Text(line), highlight=False, soft_wrap=True)
 
-    What is not ``resumable`` has a budget, and a folder that is of no use to the user or is named elsewhere.
+
+def describe_time(expected: Expectation) -> str:
+    """Return the words on how long runs will take here, after their number; none where nothing is to be run."""
+    return f", {expected.jobs} at a time: {expected.words}" if expected.runs else ""
+
+
+def run_watched(
+    request: Request, *, quiet: bool, resumable: bool = True, announces: bool = True, here: bool = True,
+    pool: Callable[..., Executor] = LocalPool,
+) -> tuple[Loaded, Watch]:  # fmt: skip
+    """Run a suite under a ``Watch`` on standard error, with status lines on a terminal; ``quiet``: without a word.
+
+    What is not ``resumable`` has a budget, and a folder that is of no use to the user or is named elsewhere; runs that
+    are not run ``here`` but on a cluster take an unknown time.
     """
-    console = Console(quiet=quiet)
+    console = Console(quiet=quiet, stderr=True)
     plain = quiet or not console.is_terminal or console.is_dumb_terminal
     with nullcontext() if plain else Live(console=console, auto_refresh=False, transient=True) as live:
-        watcher = Watch(console, live, request.jobs, resumable=resumable)
+        watcher = Watch(console, live, request.jobs, resumable=resumable, announces=announces, here=here)
         return run_suite(request, watcher, pool), watcher

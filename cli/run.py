@@ -5,14 +5,15 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..harness.execution.costs import expect
 from ..harness.execution.pool import LocalPool
-from ..harness.execution.runner import Executor, Request, last_folder, new_folder
+from ..harness.execution.runner import Executor, Request, last_folder, list_waiting, new_folder
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
 from .arguments import UsageError, count_jobs, load_plugins
-from .progress import run_watched, warn_of_own_bits
-from .terminal import error_console, print_json
+from .progress import describe_time, run_watched, warn_of_own_bits
+from .terminal import console, error_console, number, plural, print_json
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -29,11 +30,15 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--native is for this machine; with --cluster set MBSBENCH_NATIVE=1 where its workers start")
     target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
     request = Request(
-        suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part, arguments.lossless
-    )
+        suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part, arguments.lossless,
+        is_newest=arguments.out is None,
+    )  # fmt: skip
+    if arguments.dry_run:
+        return _explain(request, as_json=arguments.json)
     if arguments.cluster is None:
         warn_of_own_bits()
-    loaded, watcher = run_watched(request, quiet=arguments.json, pool=choose_executor(arguments.cluster))
+    pool, here = choose_executor(arguments.cluster), arguments.cluster is None
+    loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, here=here)
     watcher.finish(request.folder, loaded)
     failures = _time(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []
     if arguments.json:
@@ -42,6 +47,22 @@ def run(arguments: argparse.Namespace) -> int:
         plain = {"folder": str(request.folder), "runs": len(loaded.records), "statuses": dict(counted)}
         print_json({**plain, "not_begun": watcher.left, "worst_drift": drift})
     return 1 if watcher.left or failures else 0
+
+
+def _explain(request: Request, *, as_json: bool) -> int:
+    """Print the runs that would be run, how long each will take here, and all of them; return 0."""
+    waiting = list_waiting(request)
+    expected = expect(waiting, request.jobs, request.suite.name)
+    if as_json:
+        runs = [{"case": s.case, "seconds": expected.runs[s.settings_id]} for s in waiting]
+        whole = {"seconds": expected.seconds, "once_s": expected.once, "jobs": expected.jobs}
+        print_json({"suite": request.suite.name, **whole, "runs": runs})
+        return 0
+    out = console()
+    for s in waiting:
+        out.print(f"{number(expected.runs[s.settings_id], 2):>8} s  {s.case}")
+    out.print(f"{plural(len(waiting), 'run')}{describe_time(expected)}")
+    return 0
 
 
 def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:

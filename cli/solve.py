@@ -1,8 +1,11 @@
 """``solve``: one run from the shell, as an NPZ file."""
 
 import argparse
+import itertools
 import json
 import math
+import os
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +16,7 @@ from ..harness.results.records import RunRecord
 from ..harness.results.words import accurate_until, error_words, why, words_of_ending
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
-from ..harness.suites.spec import make_spec
+from ..harness.suites.spec import RunSpec, make_spec
 from ..harness.types import Problem, Status
 from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
 from .commands import CONTROL
@@ -33,27 +36,50 @@ def run(arguments: argparse.Namespace) -> int:
     wall = None if limit is None else positive_float(limit, "cpu_limit")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
-    given_out = arguments.out or f"{name}-{arguments.solver}.npz"
-    if not given_out.endswith(".npz"):
-        raise UsageError(f"--out must end in .npz, the one format that is written (got {given_out!r})")
-    out = writable_file(given_out)
+    if arguments.out is not None and not arguments.out.endswith(".npz"):
+        raise UsageError(f"--out must end in .npz, the one format that is written (got {arguments.out!r})")
+    with tempfile.TemporaryDirectory() as aside:
+        unwritable = ""
+        try:
+            out = writable_file(arguments.out or str(find_free(f"{name}-{arguments.solver}")))
+        except UsageError as error:
+            if arguments.out is not None:
+                raise
+            out, unwritable = Path(aside) / "run.npz", f"{error}; give --out RUN.npz to keep the motion"
+        code = _solve(arguments, spec, wall, problem, out, is_kept=not unwritable)
+    if unwritable:
+        raise UsageError(unwritable)
+    return code
+
+
+def find_free(stem: str) -> Path:
+    """Return the first of STEM.npz, STEM-2.npz, ... that is not there: a motion is overwritten only by its name."""
+    names = itertools.chain([f"{stem}.npz"], (f"{stem}-{k}.npz" for k in itertools.count(2)))
+    return next(Path(name) for name in names if not os.path.lexists(name))
+
+
+def _solve(
+    arguments: argparse.Namespace, spec: RunSpec, wall: float | None, problem: Problem, out: Path, *, is_kept: bool
+) -> int:
+    """Run, write ``out`` and print the numbers; 0 for a lawful motion, else 1."""
     from ..harness.execution import solve_file
 
-    output = console()
+    output, messages, replaced = console(), error_console(), out.exists()
 
     def report(words: str, end: str) -> None:
-        if not arguments.json and (end == "\n" or output.is_terminal):  # a pipe gets whole lines alone
-            output.print(words, end=end)
+        if not arguments.json and (end == "\n" or messages.is_terminal):  # a pipe gets whole lines alone
+            messages.print(words, end=end)
 
     try:
         record, native = solve_file.solve_to_file(spec, out, wall, report, problem)
     except (KeyboardInterrupt, SystemExit):
-        error_console().print(f"interrupted; nothing was written to {out}")
+        messages.print(f"interrupted; nothing was written{f' to {out}' * is_kept}")
         raise
     good = Status(record.status).lawful
     nearest = find_nearest(problem, out) if arguments.shadow else None
     if arguments.json:
-        plain = {**as_plain(record), **({} if nearest is None else {"nearest": nearest}), "out": str(out)}
+        more: dict[str, Any] = {} if nearest is None else {"nearest": nearest}
+        plain = {**as_plain(record), **more, "out": str(out) if is_kept else None}
         output.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
     for line in summarize(record):
@@ -62,9 +88,10 @@ def run(arguments: argparse.Namespace) -> int:
         output.print(f"standard error     {native.splitlines()[-1]}")
     if nearest:
         output.print(f"true motion        {nearest['words']}")
-    elif record.status == Status.INACCURATE:
+    elif record.status == Status.INACCURATE and is_kept:
         output.print(f"true motion        how near one is: mbsbench shadow {out}")
-    output.print(f"written to         {out}")
+    if is_kept:
+        output.print(f"written to         {out}{' (the file of that name is replaced)' * replaced}")
     return 0 if good else 1
 
 

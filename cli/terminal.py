@@ -28,10 +28,10 @@ FEW = 8  # files that could not be read with a line each
 GAP = 2  # columns of text between two columns of a table
 
 
-def table_console() -> Console:
+def table_console(*, stderr: bool = False) -> Console:
     """A console for tables: as wide as the terminal (or COLUMNS), else wide enough to fold nothing."""
-    out = Console(highlight=False)
-    return out if out.is_terminal or os.environ.get("COLUMNS") else Console(width=PIPED, highlight=False)
+    out = Console(highlight=False, stderr=stderr)
+    return out if out.is_terminal or os.environ.get("COLUMNS") else Console(width=PIPED, highlight=False, stderr=stderr)
 
 
 def console() -> Console:
@@ -101,9 +101,11 @@ def fit_table(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], w
     return table
 
 
-def print_table(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], *below: str) -> None:
+def print_table(
+    columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], *below: str, out: Console | None = None
+) -> None:
     """The table, if it has rows, and the lines ``below`` it."""
-    out = table_console()
+    out = out or table_console()
     if rows:
         out.print(fit_table(columns, rows, out.width))
     for line in below:

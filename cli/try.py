@@ -7,6 +7,7 @@ from typing import Any
 
 from ..harness.catalogue import registry
 from ..harness.conformance import assessment
+from ..harness.execution.eta import in_words
 from ..harness.execution.runner import Request, new_folder
 from ..harness.results import store
 from ..harness.results.findings import state
@@ -17,8 +18,8 @@ from ..harness.types import EndedBy
 from .arguments import UsageError, count_jobs, load_plugins
 from .check import resolve_entries
 from .findings import print_findings
-from .progress import run_watched
-from .terminal import console
+from .progress import announce, run_watched
+from .terminal import console, error_console
 
 NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
 
@@ -31,12 +32,18 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"try takes a file with one solver (got {', '.join(own) or 'none'} in {arguments.file})")
     (solver,) = own
     plugins += load_plugins(arguments.plugin)
+    jobs = count_jobs(arguments.jobs)
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
+
+    if not arguments.json:
+        most = in_words(arguments.budget / jobs)
+        plan = f"runs within {arguments.budget:g} s of CPU time (--budget), {jobs} at a time: at most about {most}"
+        announce(f"{solver}: {plan}, and what has to be compiled", error_console())
 
     def run_stage(specs: Sequence[RunSpec], rest: float, resume: bool) -> Sequence[RunRecord] | None:
         suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=NET * rest)
-        request = Request(suite, folder, count_jobs(arguments.jobs), resume=resume)
-        loaded, watcher = run_watched(request, quiet=arguments.json, resumable=False)
+        request = Request(suite, folder, jobs, resume=resume)
+        loaded, watcher = run_watched(request, quiet=arguments.json, resumable=False, announces=False)
         cut = watcher.left or any(r.ended_by == EndedBy.TOTAL_LIMIT for r in loaded.records)
         return None if cut else loaded.records
 

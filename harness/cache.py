@@ -5,10 +5,36 @@ Nothing is written beside installed modules: that folder may be shared or read-o
 
 import os
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 CHOSEN = "MBSBENCH_CACHE"  # in the environment: a folder for all that is kept
+LOCAL = "results/local"
+IN_CHECKOUT = {  # caches, and the folders that hold theirs in a checkout
+    "catalogue": LOCAL, "generated": "solvers/formulations/generated/__pycache__",
+    "laws": "harness/metrics/__pycache__", "machine": LOCAL, "references": LOCAL, "sources": LOCAL,
+    "user_forces": LOCAL, "warmed": LOCAL,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cache:
+    """A folder of computed things, and how much it holds."""
+
+    name: str
+    folder: Path
+    bytes: int
+
+
+def list_caches() -> tuple[Cache, ...]:
+    """Every cache with its place and size, by name."""
+    folders = {name: cache_folder(name, ROOT / place) for name, place in sorted(IN_CHECKOUT.items())}
+    return tuple(Cache(name, folder, _size_of(folder)) for name, folder in folders.items())
+
+
+def _size_of(folder: Path) -> int:
+    return sum(p.lstat().st_size for p in folder.rglob("*") if p.is_file())
 
 
 def is_checkout() -> bool:

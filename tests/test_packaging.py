@@ -69,6 +69,7 @@ def test_wheel_carries_modules_and_data(tmp_path):
     (wheel,) = tmp_path.glob("*.whl")
     modules = [
         ROOT / "__init__.py",
+        ROOT / "__main__.py",
         ROOT / "api.py",
         ROOT / "kit.py",
         *(p for part in PARTS for p in (ROOT / part).rglob("*.py")),

@@ -1,8 +1,7 @@
-"""How long a suite will still take: from what its runs took so far, and in earlier results folders."""
+"""How long a suite will still take: from what its runs were expected to take, and what they took so far."""
 
 import contextlib
 import heapq
-import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from ..results import store
 from ..suites.spec import RunSpec
 
 RUNS = 3  # earlier results folders that are read
+PRIOR = 2.0  # [s] of runs as they were expected: what ends first says little about the pace of the rest
 
 
 def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
@@ -25,38 +25,35 @@ def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
 
 
 class Estimate:
-    """Learns from runs as they end; a guess for each that has not."""
+    """The time that runs will still take, from what was ``expected`` [s] of each and how those that ended compare."""
 
-    def __init__(self, earlier: Mapping[str, float]) -> None:
-        self.earlier = earlier
-        self.ratios: list[float] = []  # of what runs took now to what they took earlier: another machine, another load
-        self.by_solver: dict[tuple[str, str], list[float]] = {}
-        self.all: list[float] = []
+    def __init__(self, expected: Mapping[str, float]) -> None:
+        self.expected = expected
+        self.spent = self.foreseen = PRIOR  # [s] of runs that have ended
 
     def learn(self, spec: RunSpec, seconds: float) -> None:
-        """A run has ended."""
-        if spec.settings_id in self.earlier:
-            self.ratios.append(seconds / max(self.earlier[spec.settings_id], 1e-3))
-        self.by_solver.setdefault((spec.problem, spec.solver), []).append(seconds)
-        self.all.append(seconds)
+        """Note the wall time of a run that has ended."""
+        self.spent += seconds
+        self.foreseen += self.expected.get(spec.settings_id, seconds)
 
-    def guess(self, spec: RunSpec) -> float | None:
-        """[s], or None where nothing is known yet."""
-        earlier = self.earlier.get(spec.settings_id)
-        if earlier is not None:
-            return min(earlier * (statistics.median(self.ratios) if self.ratios else 1.0), spec.cpu_limit)
-        alike = self.by_solver.get((spec.problem, spec.solver)) or self.all
-        return min(statistics.fmean(alike), spec.cpu_limit) if alike else None
+    def guess(self, spec: RunSpec) -> float:
+        """Return the wall time [s] of a run, at the pace of those that have ended."""
+        return self.expected.get(spec.settings_id, 0.0) * self.spent / self.foreseen
 
-    def estimate_left(
-        self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], size: int
-    ) -> float | None:
-        """[s] until all is done with ``size`` runs at a time; ``running`` are runs and since when [s] they run."""
-        begun = [(self.guess(c), since) for c, since in running]
-        guesses = [self.guess(c) for c in waiting]
-        if any(g is None for g, _ in begun) or any(g is None for g in guesses):
-            return None
-        return schedule_end([max((g or 0.0) - since, 0.0) for g, since in begun], [g or 0.0 for g in guesses], size)
+    def rest(self, spec: RunSpec, since: float) -> float:
+        """Return what a run will take beyond ``since`` [s]; one that is late takes half as long again."""
+        left = self.guess(spec) - since
+        return left if left > 0.0 else since / 2.0
+
+    def estimate_left(self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], size: int) -> float:
+        """Return [s] until all is done, ``size`` at a time; ``running`` are runs and since when [s] they run."""
+        return schedule_end([self.rest(*run) for run in running], [self.guess(spec) for spec in waiting], size)
+
+    def share_done(self, running: Sequence[tuple[RunSpec, float]], waiting: Iterable[RunSpec]) -> float:
+        """Return the share of the work that is done: of seconds of runs, not of their number."""
+        done = self.spent - PRIOR + sum(since for _, since in running)
+        left = sum(self.rest(*run) for run in running) + sum(self.guess(spec) for spec in waiting)
+        return done / (done + left) if done + left > 0.0 else 1.0
 
 
 def schedule_end(running: Sequence[float], waiting: Sequence[float], size: int) -> float:
@@ -72,17 +69,14 @@ def schedule_end(running: Sequence[float], waiting: Sequence[float], size: int) 
 
 COMPILING, REFERENCES = "compiling kernels", "computing references"
 PREPARING = f"{REFERENCES} and {COMPILING}"
-USUALLY = {COMPILING: 25.0, REFERENCES: 10.0, PREPARING: 45.0}  # [s] the first time on an idle core; then none
 
 
-def describe_wait(doing: str, elapsed: float) -> str:
-    """Describe what is being done and how long it will still take; ``elapsed`` [s] have passed."""
-    usual = USUALLY.get(doing)
-    if usual is None:
-        return f"{doing}: {in_words(elapsed)} so far"
+def describe_wait(doing: str, elapsed: float, usual: float = 0.0) -> str:
+    """Describe what is being done and how long it will still take; ``elapsed`` [s] of ``usual`` have passed."""
     left = usual - elapsed
-    when = f"about {in_words(left)} left" if left > 0.0 else f"{in_words(elapsed)} so far, longer than usual"
-    return f"{doing}: {when} (the first time only, not counted in any run)"
+    if left > 0.0:
+        return f"{doing}: about {in_words(left)} left (this once, not counted in any run)"
+    return f"{doing}: {in_words(elapsed)} so far"
 
 
 def in_words(seconds: float) -> str:

@@ -13,6 +13,7 @@ from ..code_meter import add_code_below, code_seconds_of_tree
 from ..results.store import path_of, write_record
 from ..sandbox.apart import SLACK
 from ..types import EndedBy
+from .costs import LAWS, Prepared, reference_name
 from .job import Job, cut_short
 from .protocol import CodeTime, Lost, News, Start, Stop, Supervised, Warm, Warmed
 from .warmup import jobs_by_motion, runs_to_warm
@@ -68,6 +69,7 @@ class LocalPool:
     _limit: TimeLimit | None = None
     _stopped: bool = False
     _code_seconds: float = 0.0
+    _prepared: set[str] = field(default_factory=set)
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
@@ -145,8 +147,10 @@ class LocalPool:
             return
         if isinstance(news, Warmed):
             self.on_warmup(news.times, news.references)
+            self._prepared |= {*news.times, *map(reference_name, news.references)}
             if news.over:
                 self._compiling = False
+                Prepared().add([LAWS, *sorted(self._prepared)])
                 if self._limit is not None and self._limit.until == math.inf:
                     self._limit = self._limit.start(supervisor, self.size)
             return

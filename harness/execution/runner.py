@@ -68,11 +68,12 @@ class Request:
     limit: int | None = None  # only the first runs
     shard: tuple[int, int] = (1, 1)  # (k, n): of every n runs the k-th
     lossless: bool = False  # whether series keep the states of every step
+    is_newest: bool = False  # whether ``latest`` points to it from now on: not to a folder that its caller chose
 
 
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
     """Run what is not done yet; returns the records of this suite's runs, damaged files apart."""
-    suite, folder, total = request.suite, request.folder, request.suite.total_limit
+    folder, total = request.folder, request.suite.total_limit
     limit = TimeLimit(total) if total else None
     if not request.resume and (Place(folder) / "runs").names():
         raise FileError(f"{folder} already holds results; add --resume to continue it, or give another --out")
@@ -83,8 +84,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         store.set_aside(folder, before.unreadable)
         (Place(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where = _stamp(request)
-        k, n = request.shard
-        jobs = _jobs(request, suite.specs[k - 1 :: n][: request.limit], folder.resolve(), where)
+        jobs = _jobs(request, folder.resolve(), where)
         own = {job.id for job in jobs}
         again, killed = _provisional(folder, own, before.records)
         again += _set_outdated_aside(folder, jobs, before.records)
@@ -103,7 +103,8 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
             loaded = Loaded(tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable))
             store.write_table(folder, loaded.records)
-            store.point_latest(folder)
+            if request.is_newest:
+                store.point_latest(folder)
             return loaded
 
         try:
@@ -130,9 +131,18 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
     return loaded
 
 
-def _jobs(request: Request, specs: Sequence[RunSpec], folder: Path, where: str) -> list[Job]:
+def list_waiting(request: Request) -> list[RunSpec]:
+    """List the runs that ``run_suite`` would run, those without a record of this code; nothing changes."""
+    there = store.is_results(request.folder) and request.resume
+    records = store.load(request.folder, check_series=False).records if there else ()
+    done = {r.run_id for r in records if not is_provisional(r)}
+    return [job.spec for job in _jobs(request, request.folder, "") if job.id not in done]
+
+
+def _jobs(request: Request, folder: Path, where: str) -> list[Job]:
     """A job a run, each with the digest of the code that its numbers come from."""
-    suite = request.suite
+    suite, (k, n) = request.suite, request.shard
+    specs = suite.specs[k - 1 :: n][: request.limit]
     code = {k: codes.code_of(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
     commit = environment.commit()
     of_suite = suite.plugins, where, suite.total_limit, request.lossless

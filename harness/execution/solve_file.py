@@ -8,10 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..files import partial_of
+from ..results.naming import format_name
 from ..results.records import RunRecord
 from ..sandbox.isolation import OUTPUT_LIMIT
 from ..suites.spec import RunSpec
 from ..types import Problem
+from .costs import LAWS, Prepared, expect, reference_name
 from .eta import COMPILING, REFERENCES, describe_wait
 from .job import Job
 from .measuring import Outcome
@@ -36,7 +38,7 @@ def solve_to_file(
     ``spec``, if it is made already; its reference and its observables are used in other processes alone. Returned are
     the record, without address as its series is the file, and the last of what the process wrote to standard error.
     """
-    patience = _Patience(say)
+    patience = _Patience(say, lambda: expect([spec], 1).once)
     with tempfile.TemporaryDirectory() as place:
         limit = math.inf if cpu_limit is None else cpu_limit
         job = Job(dataclasses.replace(spec, cpu_limit=limit), Path(place))
@@ -70,7 +72,9 @@ def solve_to_file(
         if not stored and (salvage := process.salvage(record, keep, problem)) is not None:
             record, stored = finish(salvage)
         native = job.stderr.read(OUTPUT_LIMIT).decode(errors="replace") if job.stderr.is_there() else ""
-        if not stored:
+        if stored:
+            Prepared().add([LAWS, spec.solver, reference_name(format_name(spec.problem, spec.parameters))])
+        else:
             record = write_without_motion(out, dataclasses.replace(record, stderr=""))
         return record, native[-2000:].strip()
 
@@ -82,8 +86,8 @@ def _stage(heard: str) -> str:
 class _Patience:
     """Says what takes its time and how long is left, once; then every second on one line."""
 
-    def __init__(self, say: Say | None) -> None:
-        self.say, self.doing = say, ""
+    def __init__(self, say: Say | None, usual: Callable[[], float]) -> None:
+        self.say, self.usual, self.doing = say, usual, ""
 
     def now(self, doing: str) -> bool:
         """Note what is being done from now on."""
@@ -96,6 +100,9 @@ class _Patience:
         elapsed = time.monotonic() - self.began
         if elapsed > self.due:
             if self.say is not None:
-                self.say(describe_wait(self.doing, elapsed), "\n" if self.due == PATIENCE else "\r")
+                first = self.due == PATIENCE
+                if first:  # a loop is timed for it, which short runs are spared
+                    self.left = self.usual() if self.doing in (COMPILING, REFERENCES) else 0.0
+                self.say(describe_wait(self.doing, elapsed, self.left), "\n" if first else "\r")
             self.due = elapsed + 1.0
         return False

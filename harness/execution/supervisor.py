@@ -119,8 +119,7 @@ def serve(orders: int, news: int) -> None:
                 match order:
                     case Warm(specs, jobs):
                         before = cpu_seconds_below(os.getpid())
-                        passes.load()  # what measures
-                        references = references_apart(jobs, lambda: _is_closed(orders))
+                        references = references_apart(jobs, lambda: _is_closed(orders), passes.load)  # what measures
                         os.write(news, line_of(Warmed({}, references)))
                         warm_apart_then_here(
                             specs, lambda: _is_closed(orders), lambda times: os.write(news, line_of(Warmed(times, {})))

@@ -95,19 +95,27 @@ def warm(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, flo
 
 
 def jobs_by_motion(jobs: Sequence[Job]) -> list[Job]:
-    """The first job of each motion: of problems with equal parameters, those of the presentation aside."""
-    first: dict[str, Job] = {}
-    for job in jobs:
+    """The first job of each motion."""
+    first = {spec.settings_id for spec in list_motions([job.spec for job in jobs])}
+    return [job for job in jobs if job.spec.settings_id in first]
+
+
+def list_motions(specs: Sequence[RunSpec]) -> list[RunSpec]:
+    """The first run of each motion: of problems with equal parameters, those of the presentation aside."""
+    first: dict[str, RunSpec] = {}
+    for spec in specs:
         aside = (*registry.PRESENTED, "retrace")
-        parameters = {k: v for k, v in job.spec.parameters.items() if k not in aside}
-        first.setdefault(json.dumps([job.spec.problem, parameters], sort_keys=True, default=list), job)
+        parameters = {k: v for k, v in spec.parameters.items() if k not in aside}
+        first.setdefault(json.dumps([spec.problem, parameters], sort_keys=True, default=list), spec)
     return list(first.values())
 
 
-def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
+def references_apart(
+    jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda: False, meanwhile: Callable[[], object] = lambda: None
+) -> dict[str, float]:
     """Compute, in a process of its own, the references of ``jobs`` that are not kept yet; wall time [s] by variant.
 
-    One that fails or crashes here is left to its runs.
+    One that fails or crashes here is left to its runs. ``meanwhile`` is called in this process.
     """
 
     def run(send: Callable[[str], None]) -> None:
@@ -122,7 +130,9 @@ def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda:
 
     times: dict[str, float] = {}
     limit = 6.0 * LARGEST * max(len(jobs), 1)
-    for line in Apart(run, limit=limit, memory=MEMORY, code=CODE_LIMIT).wait(unwanted).sent.splitlines():
+    process = Apart(run, limit=limit, memory=MEMORY, code=CODE_LIMIT)
+    meanwhile()
+    for line in process.wait(unwanted).sent.splitlines():
         times |= json.loads(line)
     return times
 

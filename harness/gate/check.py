@@ -7,7 +7,7 @@ put right in the commit that makes it so. A run without its package fails, unles
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from msgspec.structs import replace
@@ -21,6 +21,7 @@ from ..types import Status
 from .thresholds import Expectation, Threshold, Thresholds, four_digits, propose_bounds
 
 CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
+STATUS = "status"  # of a run, beside the metrics that have bounds
 WORTH = 0.95  # of a bound: less is not worth a commit
 UNBOUNDED = "no threshold for this run: propose one with gate --update"
 TWICE = "two runs of the suite have this name, and one of them would not be judged"
@@ -46,7 +47,7 @@ def has_moved(f: Finding) -> bool:
 
 @dataclass(frozen=True)
 class Judged:
-    """All findings, the worst first: of cases (``subject``), on a metric or the status."""
+    """All findings of cases (``subject``), on a metric or the status: the worst first, of these the causes first."""
 
     findings: tuple[Finding, ...]
     absent: Mapping[str, str] = field(default_factory=dict)  # package that is missing, by the case it leaves unmeasured
@@ -87,6 +88,12 @@ class Judged:
         return ", ".join(f"{n} {state}" for state, n in counted.items()) or "nothing was judged"
 
     @property
+    def consequences(self) -> list[Finding]:
+        """Failed bounds of runs whose status failed too: their numbers are those of a run that was cut short."""
+        broken = _list_broken(self.findings)
+        return [f for f in self.findings if f.verdict is Verdict.FAILED and _is_consequence(f, broken)]
+
+    @property
     def notable(self) -> list[Finding]:
         """Findings that did not pass, or have moved."""
         return [f for f in self.findings if f.verdict not in (Verdict.MET, Verdict.OPEN) or has_moved(f)]
@@ -114,7 +121,7 @@ def judge(
     found: list[Finding] = []
     by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
     missing = {c.case: OTHER_CODE if c.settings_id in other else MISSING for c in specs}
-    found += [_finding(Verdict.FAILED, c, "status", TWICE) for c, n in Counter(c.case for c in specs).items() if n > 1]
+    found += [_finding(Verdict.FAILED, c, STATUS, TWICE) for c, n in Counter(c.case for c in specs).items() if n > 1]
     bounded: dict[str, set[str]] = {}
     for b in thresholds.bounds:
         bounded.setdefault(b.case, set()).add(b.metric)
@@ -125,7 +132,7 @@ def judge(
             absent[case] = package
             words = record.message if package in without else UNNAMED.format(record.message, package)
             verdict = Verdict.OPEN if package in without else Verdict.FAILED
-            found.append(_finding(verdict, case, "status", ABSENT.format(words)))
+            found.append(_finding(verdict, case, STATUS, ABSENT.format(words)))
             continue
         found.append(_status(case, record, statuses.get(case), missing[case]))
         wanted = statuses[case].status if case in statuses else Status.SUCCESS
@@ -138,9 +145,24 @@ def judge(
             found += [_finding(Verdict.FAILED, case, metric, UNBOUNDED) for metric in sorted(needed)]
     judged = [b for b in thresholds.bounds if b.case not in absent]
     found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in judged]
-    found += [_finding(Verdict.FAILED, case, "status", UNKNOWN) for case in statuses if case not in by_case]
-    ordered = sorted(found, key=lambda f: (WORST.index(f.verdict), f.subject, f.measured.quantity))
+    found += [_finding(Verdict.FAILED, case, STATUS, UNKNOWN) for case in statuses if case not in by_case]
+    broken = _list_broken(found)
+
+    def order(f: Finding) -> tuple[int, bool, bool, str, str]:
+        metric = f.measured.quantity
+        return WORST.index(f.verdict), _is_consequence(f, broken), metric != STATUS, f.subject, metric
+
+    ordered = sorted(found, key=order)
     return Judged(tuple(ordered), {case: package for case, package in absent.items() if package in without})
+
+
+def _list_broken(findings: Iterable[Finding]) -> set[str]:
+    """The cases whose status failed."""
+    return {f.subject for f in findings if f.measured.quantity == STATUS and not f.holds}
+
+
+def _is_consequence(f: Finding, broken: Collection[str]) -> bool:
+    return f.subject in broken and f.measured.quantity != STATUS
 
 
 def tighten_bounds(
@@ -194,13 +216,13 @@ def _finding(verdict: Verdict, case: str, metric: str, why: str = "", bound: str
 def _status(case: str, record: RunRecord | None, expected: Expectation | None, missing: str) -> Finding:
     wanted = expected.status if expected else Status.SUCCESS
     if record is None:
-        return _finding(Verdict.FAILED, case, "status", missing)
+        return _finding(Verdict.FAILED, case, STATUS, missing)
     if record.status == wanted:
         verdict = Verdict.MET if wanted is Status.SUCCESS else Verdict.XFAIL
-        return _finding(verdict, case, "status", expected.reason if expected else "", str(wanted))
+        return _finding(verdict, case, STATUS, expected.reason if expected else "", str(wanted))
     words = f"{record.status}, expected {wanted}: {'; '.join(why(record))}"
     verdict = Verdict.XPASS if record.status == Status.SUCCESS else Verdict.FAILED
-    return _finding(verdict, case, "status", words, str(wanted))
+    return _finding(verdict, case, STATUS, words, str(wanted))
 
 
 def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:

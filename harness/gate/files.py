@@ -1,4 +1,4 @@
-"""The result of the gate for machines and reviewers: JUnit XML for CI, Markdown for a merge request."""
+"""The result of the gate for machines and reviewers: JUnit XML and annotations for CI, Markdown for a merge request."""
 
 import math
 import re
@@ -44,6 +44,24 @@ def markdown(result: Judged, suite: str) -> str:
             out.append("| " + " | ".join(_markdown(texts[k]) for k in shown) + " |")
         out.append("")
     return "\n".join(out)
+
+
+def annotate(result: Judged, suite: str) -> list[str]:
+    """Return a workflow command of GitHub Actions for each case that closes the gate, with the first cause."""
+    closing: dict[str, list[Finding]] = {}
+    for f in result.findings:
+        if not f.holds:
+            closing.setdefault(f.subject, []).append(f)
+    out = []
+    for case, (first, *more) in closing.items():
+        words = _describe(first) + (f" (and {len(more)} more of this run)" if more else "")
+        out.append(f"::error title={_escape(f'gate {suite}: {case}', ':,')}::{_escape(words)}")
+    return out
+
+
+def _escape(text: str, more: str = "") -> str:
+    """Write characters that end a workflow command, or with ``more`` a property of one, as GitHub reads them."""
+    return re.sub(f"[%\r\n{more}]", lambda found: f"%{ord(found[0]):02X}", text)
 
 
 def as_plain(result: Judged, suite: str) -> dict[str, Any]:

@@ -54,7 +54,6 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
                 added += 1
             _copy_environment(source, out)
         store.write_table(out, store.load(out, check_series=False).records)
-        store.point_latest(out)
     records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
     return Merged(records, added, tuple(unreadable), tuple(conflicts), tuple(sorted({r.code for r in records})))
 

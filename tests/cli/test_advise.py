@@ -2,14 +2,18 @@
 
 import json
 import math
+import re
 import tempfile
 
 import pytest
 
 from mbsbench import make_problem
+from mbsbench.cli import advise as command
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.races.cheapest import Candidate
 from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.store import Loaded
+from mbsbench.harness.types import Problem
 
 SWING = make_problem("spherical_pendulum", {"t_end": 1.0})
 
@@ -67,6 +71,54 @@ def test_a_floor_above_the_error_ends_the_search():
     assert c.best is None and c.closest.motion_error_judged_m == pytest.approx(1e-6, rel=0.5)
 
 
+def test_the_first_words_come_before_any_work(capsys, monkeypatch):
+    """What will be done, how long, and where something is compiled once; no reference is computed before."""
+    monkeypatch.setattr(Problem, "reference", lambda self: pytest.fail("computed"))
+    monkeypatch.setattr(command, "run_watched", stop)
+    monkeypatch.setattr(command, "select_quick", lambda specs: set())
+    with pytest.raises(Stopped):
+        main(["advise", "chain", "--t-end", "0.1", "--error", "1e-3", "--solver", "rattle", "--jobs", "1"])
+    out, err = capsys.readouterr()
+    assert not out and re.fullmatch(r"1 solver, up to 6 settings of each, 1 at a time: about \d+ .*\n", err)
+
+
+class Stopped(Exception):
+    pass
+
+
+def stop(*_, **__):
+    raise Stopped
+
+
+def test_solvers_that_are_there_at_once_make_the_first_table(capsys, monkeypatch):
+    """Those that need no compiling are asked first; their table is on standard error, the last one alone on output."""
+    asked = []
+
+    def watched(request, **_):
+        asked.append([s.solver for s in request.suite.specs])
+        records = [
+            RunRecord(settings_id=s.settings_id, solver=s.solver, case=s.case, status="success", control="dt",
+                      dt_s=s.control.dt, motion_error_judged_m=5e-4, cpu_median_s=0.1, declared_order=2.0)
+            if s.solver != "drake" else
+            RunRecord(settings_id=s.settings_id, solver=s.solver, case=s.case, status="refused", control="dt",
+                      dt_s=s.control.dt, message="drake is not installed", missing_package="drake")
+            for s in request.suite.specs
+        ]  # fmt: skip
+        return Loaded(tuple(records), ()), None
+
+    monkeypatch.setattr(command, "run_watched", watched)
+    monkeypatch.setattr(command, "select_quick", lambda specs: {"mujoco"})
+    names = ("rattle", "mujoco", "drake")
+    line = ["advise", "chain", "--t-end", "0.1", "--error", "1e-3", *(x for n in names for x in ("--solver", n))]
+    assert main(line) == 0
+    out, err = capsys.readouterr()
+    assert asked == [["mujoco"], ["rattle", "drake"]]
+    assert "mujoco" in err and "so far 1 of 3 solvers meet it" in err and "so far" not in out
+    rows = [row.split()[0] for row in out.splitlines()]
+    assert {"rattle", "mujoco"} <= set(rows) and "drake" not in rows
+    assert "not installed: drake; add engines: make engines" in out and out.count("drake") == 1
+
+
 def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
     """Runs of two solvers: both meet 1e-5 m, the table says which is cheaper, by how much, with its setting."""
     monkeypatch.chdir(tmp_path)
@@ -90,5 +142,5 @@ def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
     one = [*arguments[:4], *two[:2], "--jobs", "1"]
     assert main([*one, "--error", "1e-17"]) == 2
     said = capsys.readouterr()
-    assert "the reference's own" in said.err and "[1/1]" in said.out
+    assert "the reference's own" in said.err and "[1/1]" in said.err
     assert tempfile.gettempdir() not in said.out + said.err  # the folder of the runs is gone by now

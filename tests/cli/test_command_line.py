@@ -1,6 +1,7 @@
 """The command line: one file from one line, and every wrong call reported in one line."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -130,7 +131,11 @@ BAD = [
     (("export", "heavy_tops"), "heavy_top"),
     (("advise", "spherical_pendulum", "--error", "small"), "--error"),
     (("advise", "chain", "--error", "1e-3", "--problem-set", "links=90"), "no reference"),
-    (("dance",), "invalid choice"),
+    (("dance",), "no command is called 'dance' - known: list, solve"),
+    (("sovle", "heavy_top"), "did you mean 'solve'"),
+    (("--version", "heavy_top"), "--version takes --verbose alone"),
+    (("list", "problms"), "did you mean 'problems'"),
+    (("completion", "tcsh"), "choose from 'bash', 'zsh', 'fish'"),
 ]  # fmt: skip
 
 
@@ -149,10 +154,52 @@ def test_a_wrong_call_ends_the_process_with_2(command):
 
 
 def test_list_names_everything(command):
-    done = command("list", *WITH)
-    assert done.returncode == 0
-    for words in ("heavy_top", "rad/s", "yaw", "segfaults", "lift", "[m]", "test", "dt [s] (fixed step"):
-        assert words in done.stdout
+    """Entries of plugins too; those of each kind with their summaries, one with its options."""
+    shown = {
+        name: command("list", *filter(None, [name]), *WITH).stdout for name in ("", "problems", "free_fall", "exact")
+    }
+    for words in ("heavy_top", "segfaults", "free_fall", "singular: ", "engines"):
+        assert words in shown[""]
+    assert "gc_weak_form" not in shown["problems"] and "released from three" in " ".join(shown["problems"].split())
+    for name, words in (
+        ("free_fall", "yaw"),
+        ("free_fall", "[kg]"),
+        ("exact", "lift"),
+        ("exact", "dt [s] (fixed step"),
+    ):
+        assert words in shown[name]
+
+
+def test_latest_is_the_newest_folder_that_run_named(command, tmp_path):
+    """A folder of one's own, or one that other results were merged into, leaves it where it was."""
+    (tmp_path / "small.toml").write_text(SUITE.replace(', "raises"', ""))
+    local = tmp_path / "results" / "local"
+    for more in ((), ("--out", "results/local/mine"), ("--limit", "1", "--out", "elsewhere")):
+        assert command("run", "small.toml", *WITH, *more).returncode == 0
+        assert (local / "latest").resolve().name.startswith("small-")
+    assert command("merge", "results/local/both", "elsewhere", "results/local/mine").returncode == 0
+    assert (local / "latest").resolve().name.startswith("small-") and not (tmp_path / "latest").exists()
+
+
+def test_solve_replaces_no_motion_unasked(command, tmp_path):
+    """The second run of a day gets a name of its own; one that is named is replaced, and that is said."""
+    line = ("solve", "free_fall", "exact", *WITH, "--set", "dt=0.25")
+    names = [command(*line).stdout.split("written to")[-1].split()[0] for _ in range(3)]
+    assert names == ["free_fall-exact.npz", "free_fall-exact-2.npz", "free_fall-exact-3.npz"]
+    assert "is replaced" in command(*line, "--out", names[0]).stdout
+    assert "is replaced" not in command(*line, "--out", "new.npz").stdout
+
+
+def test_solve_prints_its_numbers_where_nothing_can_be_written(capsys, monkeypatch):
+    """Only the motion is lost, and the last line says so; JSON names no file."""
+    monkeypatch.chdir("/proc")
+    line = ["solve", "free_fall", "exact", *WITH, "--set", "dt=0.25"]
+    assert main(line) == 2
+    out, err = capsys.readouterr()
+    assert "energy drift" in out and "written to" not in out and "shadow" not in out
+    assert err.startswith("error: cannot write free_fall-exact.npz: ") and "give --out" in err and err.count("\n") == 1
+    assert main([*line, "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["out"] is None
 
 
 SUITE = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises"]\n'
@@ -173,7 +220,13 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     (tmp_path / "bounds.toml").write_text(BOUND)
     done = command("run", "small.toml", *WITH, "--out", "out")
     assert done.returncode == 0, done.stderr
-    assert "[2/2]" in done.stdout and "1 success" in done.stdout and "1 crashed" in done.stdout
+    assert re.match(r"2 runs, \d+ at a time: about \d+ s.*; results in out\n", done.stderr)  # before anything is run
+    assert (
+        "[2/2]" in done.stderr
+        and "[2/2]" not in done.stdout
+        and "1 success" in done.stdout
+        and "1 crashed" in done.stdout
+    )
     monkeypatch.chdir(tmp_path)
 
     def said(*arguments, code=0):
@@ -259,5 +312,4 @@ def test_environment_and_suite_are_kept(command, tmp_path):
     assert stamp["packages"]["numpy"] and stamp["code"] and stamp["threads"]["OMP_NUM_THREADS"] == "1"
     assert all(b["num_threads"] == 1 for b in stamp["blas"])
     assert (tmp_path / "out" / "suite.toml").read_text() == SUITE
-    assert (tmp_path / "latest").resolve() == (tmp_path / "out").resolve()
     assert (ROOT / "requirements.lock").exists()

@@ -1,4 +1,4 @@
-"""The time to go comes from what runs took before, not from the mean of whatever happened to end first."""
+"""The time to go comes from what runs took before, and progress is counted in work, not in runs."""
 
 import pytest
 
@@ -22,24 +22,38 @@ def test_places_take_the_next_in_order():
     assert schedule_end([9.0], [1.0], 4) == 9.0
 
 
-def test_earlier_times_are_scaled_by_how_today_compares():
-    """Runs that took 1 and 10 s; the first takes 3 today, so the second is guessed at 30, a long one at its limit."""
+def test_what_is_left_goes_at_the_pace_of_what_has_ended():
+    """Runs expected at 1, 10 and 40 s; after 200 s of runs that were expected at 100, the others take twice as long."""
     short, long, longest, *_ = specs()
-    e = Estimate({short.settings_id: 1.0, long.settings_id: 10.0, longest.settings_id: 40.0})
+    e = Estimate({short.settings_id: 100.0, long.settings_id: 10.0, longest.settings_id: 40.0})
     assert e.guess(long) == 10.0 and e.estimate_left([], [long, long], 2) == 10.0
-    e.learn(short, 3.0)
-    assert e.guess(long) == 30.0 and e.guess(longest) == 50.0
+    e.learn(short, 200.0)
+    assert e.guess(long) == pytest.approx(20.0, rel=0.02) and e.guess(longest) == pytest.approx(80.0, rel=0.02)
 
 
-def test_unknown_runs_are_guessed_from_their_like():
-    """Same problem and solver first; nothing known, nothing said."""
-    a, b, c, d, *_ = specs()
-    e = Estimate({})
-    assert e.guess(a) is None and e.estimate_left([(a, 1.0)], [b], 1) is None
-    e.learn(a, 8.0)
-    e.learn(d, 2.0)
-    assert e.guess(b) == 8.0 and e.estimate_left([(b, 5.0)], [c], 1) == 11.0
-    assert e.estimate_left([(b, 500.0)], [], 1) == 0.0
+def test_the_first_short_run_does_not_set_the_pace():
+    """A run of 0.1 s that took 0.4 s says nothing on one of a minute."""
+    short, long, *_ = specs()
+    e = Estimate({short.settings_id: 0.1, long.settings_id: 60.0})
+    e.learn(short, 0.4)
+    assert e.guess(long) < 75.0
+
+
+def test_a_late_run_is_never_about_to_end():
+    """The last of 58, expected at 2 s: after 40 s it is not "about 0 s" from its end."""
+    late, *_ = specs()
+    e = Estimate({late.settings_id: 2.0})
+    assert [e.rest(late, since) for since in (1.0, 20.0, 60.0)] == [1.0, 10.0, 30.0]
+
+
+def test_progress_counts_work():
+    """57 of 58 runs are done, of 0.1 s each; the last takes a minute: most of the work is to come."""
+    short, long, *_ = specs()
+    e = Estimate({short.settings_id: 0.1, long.settings_id: 40.0})
+    for _ in range(57):
+        e.learn(short, 0.1)
+    assert e.share_done([], [long]) == pytest.approx(5.7 / 45.7)
+    assert e.share_done([(long, 20.0)], []) == pytest.approx(25.7 / 45.7) and e.share_done([], []) == 1.0
 
 
 def test_times_of_earlier_runs_are_found(tmp_path):

@@ -263,7 +263,7 @@ def test_thousands_of_foreign_files_are_one_line(tmp_path, capsys):
         (tmp_path / "run" / "runs" / f"junk{k}.json").write_text('{"x": 1}')
     capsys.readouterr()
     assert main([*line, "--resume"]) == 0
-    said = capsys.readouterr().out.splitlines()
+    said = capsys.readouterr().err.splitlines()
     (about,) = [words for words in said if "junk" in words]
     assert about.startswith("set aside: 3000 files, the first is junk0.json: ") and len(said) < 10
     aside = tmp_path / "run" / "set_aside"

@@ -117,13 +117,13 @@ def test_the_run_says_what_is_left(tmp_path, capsys):
     suite.write_text("total_limit = 1e-3\n" + text)
     line = ["run", str(suite), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert main(line) == 1
-    out = capsys.readouterr().out
+    out = capsys.readouterr().err
     left = [x for x in out.splitlines() if x.startswith("not started: ")]
     assert f"{len(left)} runs not started" in out and "--resume runs them" in out
     assert left in [[f"not started: free_fall exact dt={dt}" for dt in (0.1, 0.2, 0.25)][k:] for k in (0, 1)]
     suite.write_text("total_limit = 600\n" + text)
     assert main([*line, "--resume"]) == 0
-    assert len(store.load(tmp_path / "out").records) == 3 and "not started" not in capsys.readouterr().out
+    assert len(store.load(tmp_path / "out").records) == 3 and "not started" not in capsys.readouterr().err
 
 
 def test_the_limit_holds_by_cpu_time(tmp_path, begun_here):

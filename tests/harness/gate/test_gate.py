@@ -12,11 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from mbsbench.cli import gate as gate_command
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds, write_thresholds
 from mbsbench.harness.gate.check import judge, select_judged, tighten_bounds
-from mbsbench.harness.gate.files import junit, markdown
+from mbsbench.harness.gate.files import annotate, junit, markdown
 from mbsbench.harness.gate.thresholds import (
     ERROR_CONTROL,
     FIXED_STEP,
@@ -192,6 +193,52 @@ def test_a_missing_figure_closes_the_gate():
         found = state(changed(phi_max=math.nan), with_bound(expect=expect))
         assert [f.measured.quantity for f in found.findings if f.verdict is Verdict.FAILED] == ["phi_max"]
         assert "not measured" in found.findings[0].required.why
+
+
+def test_causes_come_before_what_follows_from_them():
+    """A run without a step has zeros for all that was measured: its status is why, and stands first."""
+    zeros = [
+        dataclasses.replace(RECORDS[0], phi_max=9.0),
+        dataclasses.replace(RECORDS[1], status="diverged", phi_max=0.0),
+    ]
+    bounds = Thresholds("t", (threshold(CASE), threshold(OTHER, lower=0.5)))
+    found = state(zeros, bounds)
+    failed = [(f.subject, f.measured.quantity) for f in found.findings if f.verdict is Verdict.FAILED]
+    assert failed == [(OTHER, "status"), (CASE, "phi_max"), (OTHER, "phi_max")]
+    assert [(f.subject, f.measured.quantity) for f in found.consequences] == failed[2:]
+    assert not state(changed(phi_max=9.0)).consequences and not state().consequences
+
+
+def test_the_worst_is_printed_last(capsys, monkeypatch):
+    """CI shows the end of a log: what moved, what failed, the verdict; what only follows is counted."""
+    monkeypatch.setenv("COLUMNS", "160")
+    runs = [RunSpec("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5, 0.25)]
+    cases = [r.case for r in runs]
+    good = [RunRecord(settings_id=r.settings_id, case=r.case, status="success", phi_max=1.0) for r in runs]
+    records = [
+        dataclasses.replace(good[0], phi_max=1.1), dataclasses.replace(good[1], status="diverged", phi_max=0.0),
+        dataclasses.replace(good[2], phi_max=7.0),
+    ]  # fmt: skip
+    result = judge(runs, records, Thresholds("t", tuple(threshold(c, lower=0.5) for c in cases)))
+    gate_command._print(result, everything=False)
+    lines = capsys.readouterr().out.splitlines()
+    first = {word: next(k for k, x in enumerate(lines) if word in x) for word in ("x 1.1", "diverged", "x 7")}
+    assert [*first] == sorted(first, key=lambda word: first[word])
+    assert "CLOSED" in lines[-1] and not any("x 0" in x for x in lines)
+    assert any(x.startswith("1 bound more of runs that did not end as expected") for x in lines)
+    gate_command._print(result, everything=True)
+    assert "x 0" in capsys.readouterr().out
+
+
+def test_github_gets_an_annotation_a_case():
+    """Workflow commands with the first cause; characters that would end one are written as GitHub reads them."""
+    assert annotate(state(), "ci") == []
+    bad = dataclasses.replace(RECORDS[0], status="diverged", message="50 %\nof: all, at once", phi_max=0.0)
+    (line,) = annotate(state([bad, RECORDS[1]], with_bound(lower=0.5)), "ci")
+    head, _, words = line.removeprefix("::error title=").partition("::")
+    assert line.startswith("::error title=") and head == "gate ci%3A " + CASE.replace(",", "%2C")
+    assert words.startswith("FAIL: diverged, expected success") and "50 %25" in words and "\n" not in line
+    assert words.endswith("(and 1 more of this run)")
 
 
 def test_the_end_of_a_run_is_known_to_the_microsecond():

@@ -1,0 +1,57 @@
+"""``completion``: the script by which a shell completes commands, options, and names of problems and solvers."""
+
+import argparse
+import shlex
+from typing import Any
+
+from .commands import add_commands
+from .list import load_catalogue
+from .parser import top_parser
+from .terminal import console
+
+PLACES = {  # where each shell looks for the script
+    "bash": "mbsbench completion bash > ~/.local/share/bash-completion/completions/mbsbench",
+    "zsh": "mbsbench completion zsh > FOLDER/_mbsbench, with fpath+=FOLDER before compinit in ~/.zshrc",
+    "fish": "mbsbench completion fish > ~/.config/fish/completions/mbsbench.fish",
+}
+FILES = ("FILE", "FILE.py", "FILE.py|ENGINE", "FILE.toml", "FILE.jsonl", "RUN.npz", "RUN|FILE", "B.zip", "CASE.json")
+FOLDERS = ("DIR", "OUT")
+RESULTS = ("RESULTS", "BEFORE", "AFTER")
+ENTRIES = ("problem", "solver", "truth")  # options whose NAME is that of a problem or solver
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the script, and in its first lines where it goes."""
+    import shtab
+
+    parser, commands = top_parser()
+    add_commands(commands)
+    plain = load_catalogue()
+    names = {kind: [str(entry["name"]) for entry in plain[kind]] for kind in ("problems", "solvers")}
+    results = shtab.cmd("ls results/local 2>/dev/null; ls -d -- */ 2>/dev/null")
+    by_metavar = {
+        **dict.fromkeys(FILES, shtab.FILE),
+        **dict.fromkeys(FOLDERS, shtab.DIRECTORY),
+        **dict.fromkeys(RESULTS, results),
+        "PROBLEM": _names_or_files(names["problems"]),
+        "SOLVER": _names_or_files(names["solvers"]),
+        "SUITE": _names_or_files(plain["suites"]),
+        "NAME": _names_or_files(["problems", "solvers", *names["problems"], *names["solvers"]]),
+    }
+    for command in commands.choices.values():
+        for action in command._actions:
+            named = action.metavar != "NAME" or not action.option_strings or action.dest in ENTRIES
+            if action.metavar in by_metavar and named and not action.choices:
+                action.complete = by_metavar[action.metavar]  # type: ignore[attr-defined]
+    script = shtab.complete(parser, arguments.shell)
+    first, _, rest = script.partition("\n")
+    note = f"# {PLACES[arguments.shell]}\n"
+    console().print(f"{first}\n{note}{rest}" if first.startswith("#") else f"{note}{script}", end="\n")
+    return 0
+
+
+def _names_or_files(names: list[str]) -> dict[str, Any]:
+    """Complete by ``names`` and the files of the folder, among which may be a mechanism, a solver or a suite."""
+    import shtab
+
+    return dict(shtab.cmd(f"printf '%s\\n' {shlex.join(names)}; ls 2>/dev/null"))

@@ -1,0 +1,52 @@
+"""``--version``: what decides numbers and times here, to be pasted into a report of a fault."""
+
+import os
+import platform
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from ..harness import machine
+from ..harness.cache import ROOT, list_caches
+from ..harness.results import environment
+from .parser import UsageError
+
+PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "scikit-sundae")  # whose code is in the numbers of runs
+ENGINES = ("mujoco", "exudyn", "pin", "drake", "dartpy")  # of `make engines`, beside us in one environment
+ADD_ENGINES = "add engines: make engines, or outside a checkout pip install 'mbsbench[engines]'"
+VERBOSE = "--verbose"
+
+
+def describe_version(options: Sequence[str]) -> str:
+    """Return the lines to print; ``options`` may hold --verbose, which adds where things are kept."""
+    if unknown := [word for word in options if word != VERBOSE]:
+        raise UsageError(f"--version takes {VERBOSE} alone (got {unknown[0]!r})")
+    commit = environment.commit()
+    base, _, changed = commit.partition("+")
+    words = f" (commit {base[:12]}{', changed since' if changed else ''})" if commit else ""
+    bits = "as on every processor with AVX2" if machine.variables() else "of this processor"
+    if os.environ.get(machine.NATIVE) == "1":
+        bits = f"of this processor ({machine.NATIVE}=1)"
+    engines = _versions(ENGINES) or f"none; {ADD_ENGINES}"
+    rows = {
+        "python": f"{platform.python_version()}; {_versions(PACKAGES)}",
+        "machine": f"{machine.cpu_model()}, {os.cpu_count()} cores; {platform.system()} {platform.machine()}, "
+        f"{' '.join(platform.libc_ver()).strip() or platform.release()}",
+        "bits": bits,
+        "engines": engines,
+    }
+    if VERBOSE in options:
+        rows |= {"package": str(ROOT), "results": str(Path("results", "local").absolute())}
+        rows |= {f"cache {c.name}": f"{c.folder} ({c.bytes / 1e6:.1f} MB)" for c in list_caches()}
+    width = max(map(len, rows))
+    return "\n".join([f"mbsbench {version('mbsbench')}{words}", *(f"{k:<{width}}  {v}" for k, v in rows.items()), ""])
+
+
+def _versions(names: Sequence[str]) -> str:
+    found = []
+    for name in names:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            continue
+    return ", ".join(found)
