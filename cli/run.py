@@ -12,6 +12,7 @@ from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
 from .arguments import UsageError, count_jobs, load_plugins
+from .keeping import series_to_keep
 from .progress import describe_time, run_watched, warn_of_own_bits
 from .terminal import console, error_console, number, plural, print_json
 
@@ -31,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
     request = Request(
         suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part, arguments.lossless,
-        is_newest=arguments.out is None,
+        is_newest=arguments.out is None, keep=None if arguments.lossless else series_to_keep(suite),
     )  # fmt: skip
     if arguments.dry_run:
         return _explain(request, as_json=arguments.json)

@@ -109,9 +109,10 @@ def _print_series(out: Console, folder: Path, record: RunRecord) -> None:
     width = max(10, min(60, out.width - 46))
     for name, words in SERIES.items():
         if name in series:
-            finite = np.abs(series[name][np.isfinite(series[name])])
+            t, values = series.points(name)
+            finite = np.abs(values[np.isfinite(values)])
             ends = f"{finite.min():.2e} to {finite.max():.2e}" if len(finite) else "-"
-            line = timeline(series["t"], series[name], record.t_end_s, width)
+            line = timeline(t, values, record.t_end_s, width)
             out.print(Text(f"  {words:<12} {line}  {ends}"))
 
 
@@ -200,7 +201,7 @@ def _draw_energy(folder: Path, record: RunRecord, unreadable: list[Unreadable]) 
     except FileError as error:
         unreadable.append(Unreadable(folder / record.series, str(error)))
         return ""
-    return "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
+    return "" if series is None else timeline(*series.points("energy_error"), record.t_end_s, SPARK)
 
 
 def _read_column(r: RunRecord, name: str) -> float:

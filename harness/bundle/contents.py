@@ -15,17 +15,28 @@ from ..mechanics.joints import KINDS
 from ..places import Place
 from ..results import store
 from ..results.records import COLUMNS, RunRecord, is_literal
+from ..results.selection import REACTION, STATE, select_states
 from ..results.series import Series
 from .crate import METADATA, describe_crate
 from .invariants import describe_invariants
-from .selection import REACTION, STATE, select_states
 from .table import make_table
 
 FORMAT, VERSION = "mbsbench bundle", 4
 RUN_ID = re.compile(r"[0-9a-f]{8,64}")
 TEXT = re.compile(r"[a-z0-9_-]+\.toml|environment\.[0-9a-f]{12}\.json")  # of a results folder
 LOCAL = ("executable", "results_folder")  # of an environment: names of this machine
-DRAWN = ("frame_", "exact_", "state_", "sample_", "end_", "start_", "joint_", "system_")  # no rows along t
+DRAWN = (
+    "frame_",
+    "exact_",
+    "state_",
+    "sample_",
+    "end_",
+    "start_",
+    "joint_",
+    "system_",
+    "last_",
+    "bundled_",
+)  # no rows along t
 SORT = "system_joint_sort"
 ENERGY = "energy_error"  # of each state: no state tells the work done
 NUMBERS = ("gravity", "joint_i", "system_mass", "system_user_i", SORT, *(f"start_{name}" for name in STATE))
@@ -91,9 +102,8 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
             if np.any(chosen):
                 every = np.all(chosen) and len(chosen) == len(series["t"])
                 run["states"] = "every step" if every else "some steps"
-                rows = np.searchsorted(series["t"], series["state_t"][chosen])
                 states = (series[f"state_{key}"][chosen] for key in ("t", *STATE))
-                yield f"runs/{record.run_id}.npy", _write_states(series[ENERGY][rows], *states)
+                yield f"runs/{record.run_id}.npy", _write_states(_energy_of_states(series)[chosen], *states)
             if lossless:
                 run["arrays"], content = _pack(_rows(series))
                 yield f"series/{record.run_id}.npy", content
@@ -118,6 +128,13 @@ def _check_arrays(record: RunRecord, series: Series) -> None:
             whole &= all(a.shape[1:] == shape[n] and a.dtype == float for n, a in zip(names, found, strict=True))
     if not whole or any(not np.all(np.isfinite(series[name])) for name in NUMBERS):
         raise FileError(f"the series of run {record.run_id} are not whole: run it again")
+
+
+def _energy_of_states(series: Series) -> Array:
+    """The energy error of each state; a file of every step has it in its rows."""
+    if f"state_{ENERGY}" in series:
+        return series[f"state_{ENERGY}"]
+    return series[ENERGY][np.searchsorted(series["t"], series["state_t"])]
 
 
 def _rows(series: Series) -> dict[str, Array]:

@@ -34,6 +34,7 @@ class Job:
     environment: str = ""  # machine and packages
     total_limit: float | None = None  # [s] of its suite
     lossless: bool = False  # whether the series keeps the states of every step
+    keep: tuple[str, ...] | None = None  # series that keep their rows in a brief file; None for a file of every step
     alone: bool = False  # beside no other run: a signal from outside ended it before
 
     @property

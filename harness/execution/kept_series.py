@@ -1,6 +1,9 @@
 """The series file of a run: what is kept of its motion, of the exact motion beside it, and of its problem's numbers."""
 
+import hashlib
 import math
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,28 +14,79 @@ from ..metrics.peaks import find_peaks, steps_to_keep, times_between, times_of_s
 from ..metrics.reactions import largest_joint_force
 from ..metrics.thinning import frames_to_keep, rows_to_keep
 from ..reference.computation import ComputedReference, Source, reference_of, source_of
-from ..results.series import LARGEST, Series
-from ..types import Problem, Reference, Trajectory
+from ..results.envelopes import FEW, envelope_of
+from ..results.selection import leave_out_states
+from ..results.series import LARGEST, LAST, Series
+from ..types import Problem, Reference, Status, Trajectory
 
 SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
           "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
+TIMES = ("t", "dt")
+NEAR, TURNED = 0.01, 3.0  # of a body, as pages allow drawn poses to be off, and so many times of a radian
+TAIL = 121  # last rows of what becomes an envelope, of a run that stopped: the atlas of failures looks at them
 EXACT_FRAMES, FINE = 600, 6000  # poses of the exact motion that are kept, and those that they are chosen from
 DRAWING = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")  # of the system: what a drawing needs
 STATE = ("r", "R", "v", "Omega")
 STATE_BYTES, LARGEST_STATES = 288, LARGEST // 2  # of a body, with that of the exact motion; of a file
 
 
-def series_of(problem: Problem, trajectory: Trajectory, m: Measured, *, lossless: bool = False) -> Series:
+def series_of(
+    problem: Problem, trajectory: Trajectory, m: Measured, *, lossless: bool = False, keep: Sequence[str] | None = None
+) -> Series:
     """What the series file of a run holds: rows, poses and states thinned, peaks kept; ``lossless``: every step.
 
-    Of a run that is too long for a file the states are thinned all the same.
+    Of a run that is too long for a file the states are thinned all the same. With ``keep``, names or patterns of
+    series, the file is brief: of more than ``FEW`` rows these series and the times alone keep their rows, the others
+    become envelopes; poses are as many as a picture shows, and states those of peaks.
     """
     reference, nb = reference_of(problem), problem.system.nb
     lossless = lossless and len(m.t) * (nb * STATE_BYTES + problem.system.nrows * 8) <= LARGEST_STATES
+    brief = keep is not None and not lossless
     peaks = find_peaks(m, literal_start=problem.literal_start)
-    steps = steps_to_keep(m, peaks, nb, every=lossless)
-    keep = np.union1d(rows_to_keep(len(m.t), m.energy_error, m.phi_norm), steps)
+    steps = steps_to_keep(m, peaks, nb, every=lossless, even=not brief)
+    rows = np.union1d(rows_to_keep(len(m.t), m.energy_error, m.phi_norm), steps)
     span = float(np.linalg.norm(problem.system.joint_s_i, axis=1).max(initial=0.0)) or m.size.length
+    span, near = (span / TURNED, TURNED * NEAR) if brief else (span, 0.0)
+    full = _series(problem, trajectory, m)
+    kept = _select(full, keep or ()) if brief and len(m.t) > FEW else set(full)
+    arrays = {k: full[k][rows] for k in full if k in kept}
+    left = {} if kept >= set(full) else {k: a for k, a in (full | _distances(full)).items() if k not in kept}
+    if left and trajectory.status != Status.SUCCESS:
+        arrays |= {f"{LAST}{k}": a[-TAIL:] for k, a in left.items()}
+    units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
+    units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
+    units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
+    at = {name: float(m.t[k]) for name, k in peaks.items()} | times_between(m) | times_of_scales(m)
+    arrays |= _poses(m.t, trajectory, span, near) | _exact(reference, m.t, span, near)
+    arrays |= _states(trajectory, steps, m.t) | _samples(reference, times_to_keep(m, steps))
+    if brief:
+        arrays = leave_out_states({**arrays, "state_energy_error": m.energy_error[steps]}, at)
+    return Series(
+        {**arrays, **_numbers(problem)},
+        tuple(trajectory.events), tuple(problem.system.body_names), tuple(problem.system.joint_names), units,
+        {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
+        at,
+        _source(problem, reference),
+        {k: envelope_of(m.t, a) for k, a in left.items()},
+        digest_steps(trajectory) if brief else "",
+        m.size.length if brief else math.nan,
+    )  # fmt: skip
+
+
+def digest_steps(trajectory: Trajectory) -> str:
+    """The sha256 of all that a solver returned at its accepted steps."""
+    s = trajectory.states
+    returned = [trajectory.t, s.r, s.R, s.v, s.Omega, *(a for _, a in sorted(trajectory.diagnostics.items()))]
+    if trajectory.reaction is not None:
+        returned.append(trajectory.reaction)
+    digest = hashlib.sha256()
+    for a in returned:
+        digest.update(np.ascontiguousarray(a, dtype="<f8").data)
+    return digest.hexdigest()
+
+
+def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, np.ndarray]:
+    """All series at every step."""
     full: dict[str, np.ndarray | None] = {
         "t": m.t,
         "dt": np.insert(np.diff(m.t), 0, math.nan),
@@ -45,38 +99,38 @@ def series_of(problem: Problem, trajectory: Trajectory, m: Measured, *, lossless
     if trajectory.reaction is not None:  # shown beside the observables; the references carry no reactions
         full["obs_joint_force"] = largest_joint_force(problem.system, np.asarray(trajectory.reaction, dtype=float))
         full["ref_joint_force"] = np.full(len(m.t), math.nan)
-    arrays = {k: a[keep] for k, a in full.items() if a is not None}
-    units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
-    units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
-    units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
-    return Series(
-        {**arrays, **_poses(m.t, trajectory, span), **_exact(reference, m.t, span),
-         **_states(trajectory, steps, m.t), **_samples(reference, times_to_keep(m, steps)), **_numbers(problem)},
-        tuple(trajectory.events), tuple(problem.system.body_names), tuple(problem.system.joint_names), units,
-        {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
-        {name: float(m.t[k]) for name, k in peaks.items()} | times_between(m) | times_of_scales(m),
-        _source(problem, reference),
-    )  # fmt: skip
+    return {k: a for k, a in full.items() if a is not None}
 
 
-def _poses(t: np.ndarray, trajectory: Trajectory, span: float) -> dict[str, np.ndarray]:
-    frames, end = frames_to_keep(t, trajectory.states.at, span), trajectory.states[-1]
+def _select(full: Iterable[str], keep: Sequence[str]) -> set[str]:
+    """The times, and the series that ``keep`` names."""
+    return {k for k in full if k in TIMES or any(fnmatchcase(k, pattern) for pattern in keep)}
+
+
+def _distances(full: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Observables less those of the reference: envelopes of both do not tell it."""
+    names = (k.removeprefix("obs_") for k in full if k.startswith("obs_"))
+    return {f"away_{n}": full[f"obs_{n}"] - full[f"ref_{n}"] for n in names if f"ref_{n}" in full}
+
+
+def _poses(t: np.ndarray, trajectory: Trajectory, span: float, near: float) -> dict[str, np.ndarray]:
+    frames, end = frames_to_keep(t, trajectory.states.at, span, near=near), trajectory.states[-1]
     out = {
         **_compress_poses("frame", t[frames], trajectory.states.at(frames)),
         **{f"end_{name}": getattr(end, name) for name in STATE},
     }
-    if trajectory.reaction is not None:
+    if trajectory.reaction is not None and not near:
         out["frame_reaction"] = np.asarray(trajectory.reaction, dtype=float)[frames]
     return out
 
 
-def _exact(reference: Reference | None, t: np.ndarray, span: float) -> dict[str, np.ndarray]:
+def _exact(reference: Reference | None, t: np.ndarray, span: float, near: float) -> dict[str, np.ndarray]:
     """The exact motion as far as it is known and the run went; nothing without a reference."""
     known = t[: count_covered(reference, t)]
     if reference is None or len(known) < 2:
         return {}
     at = np.linspace(known[0], min(known[-1], reference.horizon), FINE)
-    kept = frames_to_keep(at, lambda k: reference.states(at[k]), span, EXACT_FRAMES)
+    kept = frames_to_keep(at, lambda k: reference.states(at[k]), span, EXACT_FRAMES, near)
     return _compress_poses("exact", at[kept], reference.states(at[kept]))
 
 

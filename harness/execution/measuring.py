@@ -14,7 +14,7 @@ from ..metrics.summary import columns
 from ..metrics.verdict import doubts, inaccuracy
 from ..places import Place
 from ..results.records import RunRecord, reasons_json
-from ..results.series import write_series
+from ..results.series import name_file, write_series
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import read_spool
 from ..types import EndedBy, Problem, Reason, Status, Trajectory
@@ -140,7 +140,7 @@ def write_outcome(job: Job, outcome: Outcome) -> RunRecord:
     """Write the series of a motion into the results folder; the record with its place."""
     if outcome.problem is None or outcome.trajectory is None or outcome.measured is None:
         return outcome.record
-    series = series_of(outcome.problem, outcome.trajectory, outcome.measured, lossless=job.lossless)
-    place = f"series/{job.id}.npz"
+    series = series_of(outcome.problem, outcome.trajectory, outcome.measured, lossless=job.lossless, keep=job.keep)
+    place = name_file(job.id, brief=series.is_brief)
     digest = write_series(Place(job.folder) / place, series)
     return dataclasses.replace(outcome.record, series=place, series_sha256=digest, series_rows=len(series["t"]))

@@ -69,6 +69,7 @@ class Request:
     shard: tuple[int, int] = (1, 1)  # (k, n): of every n runs the k-th
     lossless: bool = False  # whether series keep the states of every step
     is_newest: bool = False  # whether ``latest`` points to it from now on: not to a folder that its caller chose
+    keep: Callable[[RunSpec], tuple[str, ...]] | None = None  # names of series whose rows brief files keep
 
 
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
@@ -146,7 +147,10 @@ def _jobs(request: Request, folder: Path, where: str) -> list[Job]:
     code = {k: codes.code_of(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
     commit = environment.commit()
     of_suite = suite.plugins, where, suite.total_limit, request.lossless
-    return [Job(s, folder, suite.name, code[s.problem, s.solver], commit, *of_suite) for s in specs]
+    return [
+        Job(s, folder, suite.name, code[s.problem, s.solver], commit, *of_suite, request.keep and request.keep(s))
+        for s in specs
+    ]
 
 
 def _set_outdated_aside(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:

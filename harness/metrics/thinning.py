@@ -11,6 +11,7 @@ MAX_ROWS = 100_000
 MAX_FRAMES = 2_000
 BLOCK, BODIES = 4096, 2**18  # at most so many rows at a time, and rows times bodies
 EVEN = 0.2  # of the frames
+FEWEST = 120  # frames of a motion however straight
 
 
 def rows_to_keep(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_ROWS) -> Int[np.ndarray, " kept"]:
@@ -29,21 +30,25 @@ def rows_to_keep(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_R
 
 
 def frames_to_keep(
-    t: Float[np.ndarray, " nt"], states: Callable[[slice], States], size: float, at_most: int = MAX_FRAMES
-) -> Int[np.ndarray, " nf"]:
+    t: Float[np.ndarray, " nt"], states: Callable[[slice], States], size: float, at_most: int = MAX_FRAMES,
+    near: float = 0.0,
+) -> Int[np.ndarray, " nf"]:  # fmt: skip
     """Rows that a drawing needs, the first and last too: a fifth even in time, the rest dense where the path is bent.
 
-    ``states`` of a slice of the rows.
+    ``states`` of a slice of the rows. No more rows than chords take to stay within ``near`` of the path, of ``size``.
 
     A chord over n rows is off the path by n^2 / 4 times what a row is off the chord of its neighbours: the sum of the
     square roots counts the chords. ``size`` [m] of a body makes a turn a path.
     """
-    if len(t) <= at_most:
+    if len(t) <= (at_most if near == 0.0 else FEWEST):
         return np.arange(len(t))
     block = max(1, min(BLOCK, BODIES // states(slice(1)).nb))
     rows = (slice(k - 1, k + block + 1) for k in range(1, len(t) - 1, block))
     bent = np.concatenate([_off_chord(t[k], states(k), size) for k in rows])
     chords = np.convolve(np.sqrt(bent), (0.5, 0.5))
+    if near > 0.0:
+        needed = float(np.sum(chords)) / (2.0 * np.sqrt(near * size)) / (1.0 - EVEN)
+        at_most = int(np.clip(needed, FEWEST, at_most)) + 1
     measure = EVEN * np.diff(t) / (t[-1] - t[0]) + (1.0 - EVEN) * chords / max(float(np.sum(chords)), 1e-300)
     along = np.append(0.0, np.cumsum(measure))
     kept = np.searchsorted(along, np.linspace(0.0, along[-1], at_most))

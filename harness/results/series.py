@@ -1,9 +1,11 @@
-"""The series file of a run: NPZ, no pickle. Scalars over every accepted step, poses thinned for drawing.
+"""The series file of a run: NPZ, no pickle. Scalars over accepted steps or their envelopes, poses thinned for drawing.
 
-Written once by the run's process, read by reports; its digest is in the run's record.
+A file of every step has schema 1; one that keeps envelopes and packs what is drawn has schema 2. Written once by the
+run's process, read by reports; its digest is in the run's record.
 """
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,18 +17,29 @@ import numpy as np
 from ..files import FileError, parse_json, to_json
 from ..places import Place, place_of
 from ..shapes import Shape, convert_shape
+from .envelopes import Envelope
 from .npz import read_npz, write_npz
+from .packing import PACKED, pack, unpack
 
-SERIES_SCHEMA: Literal[1] = 1
+PLAIN, BRIEF = 1, 2  # schemas
 KIND: Literal["mbsbench series"] = "mbsbench series"
 LARGEST = 2**28  # [bytes] of a file, and of its arrays: ten times the longest
+LAST = "last_"  # the last rows of a series that is kept as an envelope
 POSES = ("frame", "exact", "state", "sample")  # along times of their own
-OTHER = ("end_", "start_", "joint_", "gravity", "system_")  # not along time
+BUNDLED = ("bundled_states", "bundled_samples", "bundled_between")  # which states of a brief file a bundle takes
+OTHER = ("end_", "start_", "joint_", "gravity", "system_", LAST, "bundled_")  # not along time
+
+
+class Enveloped(FileError):
+    """Every step of a series is asked for that is kept as an envelope."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """The arrays of one series file by name, as listed in ``docs/results-format.md``; all read-only."""
+    """The arrays of one series file by name, as listed in ``docs/results-format.md``; all read-only.
+
+    A series is kept at the rows ``t`` in ``arrays``, or as one of the ``envelopes``; ``points`` draws either.
+    """
 
     arrays: Mapping[str, np.ndarray]
     events: tuple[Mapping[str, Any], ...]
@@ -36,12 +49,43 @@ class Series:
     symbols: Mapping[str, str]  # mathtext without $, of obs_ series, by full name
     peaks: Mapping[str, float] = field(default_factory=dict)  # [s] when reported maxima occurred, by column
     reference: str = ""  # where it comes from: ``harness.reference.computation.Source``
+    envelopes: Mapping[str, Envelope] = field(default_factory=dict)
+    steps_sha256: str = ""  # of all accepted steps, where not all are kept
+    length: float = math.nan  # [m] of the motion, where what is drawn is packed
 
     def __getitem__(self, name: str) -> np.ndarray:
+        if name in self.envelopes:
+            raise Enveloped(
+                f"{name} is kept as an envelope: ask for its points, or run again with --lossless for all its steps"
+            )
         return self.arrays[name]
 
     def __contains__(self, name: str) -> bool:
-        return name in self.arrays
+        return name in self.arrays or name in self.envelopes
+
+    @property
+    def is_brief(self) -> bool:
+        """Whether states, poses and series that nothing judges are kept as far as they are drawn."""
+        return self.length == self.length
+
+    def get(self, name: str) -> np.ndarray | None:
+        """The series at its rows, None if there is none; Enveloped where rows are not kept."""
+        if name in self.envelopes:
+            return self[name]
+        return self.arrays.get(name)
+
+    def points(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Times and values to draw: every row, or the least and the largest value of each span."""
+        return self.envelopes[name].points if name in self.envelopes else (self.arrays["t"], self.arrays[name])
+
+    def tail(self, name: str, rows: int) -> np.ndarray:
+        """The last ``rows`` values, or as many as are kept."""
+        kept = self.arrays.get(LAST + name, np.zeros(0)) if name in self.envelopes else self.arrays[name]
+        return kept[-rows:]
+
+    def names(self, prefix: str) -> list[str]:
+        """What follows ``prefix`` in the names of all series that begin with it."""
+        return [k[len(prefix) :] for k in (*self.arrays, *self.envelopes) if k.startswith(prefix)]
 
     def select(self, prefix: str) -> dict[str, np.ndarray]:
         """All series whose name starts with ``prefix`` (``"obs_"``), by the rest of it."""
@@ -58,16 +102,23 @@ class Head(Shape, frozen=True):
     symbols: dict[str, str]
     peaks: dict[str, float] = msgspec.field(default_factory=dict)
     reference: str = ""
+    steps_sha256: str = ""
+    length: float | None = None  # [m]
     kind: Literal["mbsbench series"] = KIND
-    schema: Literal[1] = SERIES_SCHEMA
+    schema: Literal[1, 2] = 1
 
 
 def write_series(path: Path | Place, series: Series) -> str:
     """Write whole or not at all; returns the sha256 of the file."""
     events = tuple(map(dict, series.events))
     names = (series.body_names, series.joint_names, dict(series.units), dict(series.symbols))
-    head = Head(events, *names, dict(series.peaks), series.reference)
-    return write_npz(path, {"meta": np.asarray(to_json(head)), **series.arrays})
+    about = (dict(series.peaks), series.reference, series.steps_sha256)
+    if series.is_brief:
+        head = Head(events, *names, *about, series.length, schema=BRIEF)
+        arrays = pack(series.arrays, series.envelopes, series.length)
+    else:
+        head, arrays = Head(events, *names, *about, schema=PLAIN), dict(series.arrays)
+    return write_npz(path, {"meta": np.asarray(to_json(head)), **arrays}, solid=series.is_brief)
 
 
 def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> Series:
@@ -75,11 +126,17 @@ def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> 
 
     Without ``poses`` those of the run and of the exact motion, most of a file, stay packed.
     """
-    head, arrays = _read(path, sha256, lambda name: poses or not name.startswith(POSES))
+    head, arrays, envelopes = _read(path, sha256, lambda name: poses or not name.removeprefix(PACKED).startswith(POSES))
     for array in arrays.values():
         array.setflags(write=False)
     names = (head.body_names, head.joint_names, head.units, head.symbols)
-    return Series(arrays, head.events, *names, head.peaks, head.reference)
+    length = math.nan if head.length is None else head.length
+    return Series(arrays, head.events, *names, head.peaks, head.reference, envelopes, head.steps_sha256, length)
+
+
+def name_file(run_id: str, *, brief: bool) -> str:
+    """The file of a run's series in a results folder."""
+    return f"series/{run_id}.npz{'.xz' if brief else ''}"
 
 
 def check_series(path: Path | Place, sha256: str) -> None:
@@ -87,8 +144,10 @@ def check_series(path: Path | Place, sha256: str) -> None:
     _read(path, sha256, "meta".__eq__)
 
 
-def _read(path: Path | Place, sha256: str, wanted: Callable[[str], bool]) -> tuple[Head, dict[str, np.ndarray]]:
-    """The head of the file and the arrays that are ``wanted``, or FileError."""
+def _read(
+    path: Path | Place, sha256: str, wanted: Callable[[str], bool]
+) -> tuple[Head, dict[str, np.ndarray], dict[str, Envelope]]:
+    """The head of the file, the arrays that are ``wanted`` and envelopes, or FileError."""
     try:
         content = place_of(path).read(LARGEST)
     except OSError as error:
@@ -98,10 +157,11 @@ def _read(path: Path | Place, sha256: str, wanted: Callable[[str], bool]) -> tup
     try:
         arrays = read_npz(content, LARGEST, wanted)
         head = convert_shape(parse_json(str(arrays.pop("meta", "")), "meta"), Head, "meta")
+        arrays, envelopes = unpack(arrays) if head.schema == BRIEF else (arrays, {})
         _check_lengths(arrays)
     except ValueError as error:
-        raise FileError(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
-    return head, arrays
+        raise FileError(f"not a whole series file of schema {PLAIN} or {BRIEF}: {error}") from None
+    return head, arrays, envelopes
 
 
 def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:

@@ -94,10 +94,11 @@ def _off(series: Series, measure: Measure | None, t: Float[np.ndarray, " n"]) ->
     name = measure.name if measure else ""
     if name not in series:
         return np.full(len(t), np.inf)
-    known = np.isfinite(series[name])
+    at, values = series.points(name)
+    known = np.isfinite(values)
     if not known.any():
         return np.full(len(t), np.inf)
-    at, values = series["t"][known], np.abs(series[name][known])
+    at, values = at[known], np.abs(values[known])
     return np.interp(t, at, values, right=values[-1] if t[-1] <= at[-1] * (1.0 + 1e-9) else np.inf)
 
 

@@ -38,13 +38,13 @@ def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Moti
     if series is None or "t" not in series or len(series["t"]) == 0:
         return Motion(run)
     t, t_end = series["t"], 0.0 if run.has_stopped else run.record.t_end_s  # who stopped is drawn up to there, as fine
-    observables, exact = series.select("obs_"), series.select("ref_")
-    norms = {n: series[n] for n in (*NORMS, "reference_own_error") if n in series}
-    norms |= {f"inv_{n}": a for n, a in series.select("inv_").items()}
-    norms |= {f"away_{n}": a - exact[n] for n, a in observables.items() if n in exact}
-    signed = {f"obs_{n}": a for n, a in observables.items()} | {f"ref_{n}": a for n, a in exact.items()}
-    curves = {n: upper(t, a, t_end, spans) for n, a in norms.items()}
-    curves |= {n: signed_curve(t, a, t_end, 3 * spans // 4) for n, a in signed.items()}
+    norms = {n: series.points(n) for n in (*NORMS, "reference_own_error") if n in series}
+    norms |= {f"inv_{n}": series.points(f"inv_{n}") for n in series.names("inv_")}
+    observables, exact = series.names("obs_"), series.names("ref_")
+    norms |= {f"away_{n}": _distance(series, n) for n in observables if n in exact}
+    signed = {n: series.points(n) for n in (*(f"obs_{n}" for n in observables), *(f"ref_{n}" for n in exact))}
+    curves = {n: upper(*points, t_end, spans) for n, points in norms.items()}
+    curves |= {n: signed_curve(*points, t_end, 3 * spans // 4) for n, points in signed.items()}
     if "dt" in series:
         curves["dt"] = _steps(t, series["dt"], run.has_stopped, t_end, spans)
     there = {n: c for n, c in curves.items() if len(c)}
@@ -54,6 +54,13 @@ def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Moti
 def bodies_in(series: Series) -> int:
     """How many bodies the system has; 0 if the file does not say."""
     return len(series.body_names) or (len(series["end_r"]) if "end_r" in series else 0)
+
+
+def _distance(series: Series, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """An observable less that of the reference."""
+    if f"away_{name}" in series:
+        return series.points(f"away_{name}")
+    return series["t"], series[f"obs_{name}"] - series[f"ref_{name}"]
 
 
 def _steps(t: np.ndarray, dt: np.ndarray, stopped: bool, t_end: float, spans: int) -> Curve:

@@ -258,7 +258,7 @@ def _trace(results: Results, run: Run, name: str, dash: int) -> Trace | None:
     series = results.series(run)
     if series is None or "energy_error" not in series:
         return None
-    curve = upper(series["t"], series["energy_error"], run.record.t_end_s)
+    curve = upper(*series.points("energy_error"), run.record.t_end_s)
     end = "failed" if run.has_stopped else "wrong" if run.status == "wrong" else ""
     return Trace(f"{name}: {run.record.solver}, {run.status}", curve.t, curve.y, solver=run.record.solver, dash=dash,
                  end=end) if len(curve) else None  # fmt: skip

@@ -18,7 +18,7 @@ from ..model.words import number
 from ..plots.laws import value_limits
 from ..plots.lines import all_lines, describe_end, shared_options
 from ..plots.spec import Axis, Plot, Trace, end_of
-from .catalogue import Panel, Pick
+from .catalogue import FIGURES, Panel, PaperFigure, Pick
 
 NOTHING = 1e-9  # of the problem's size: displacements below it are rounding, and give no scale
 CUT = 30.0  # of the energy that the problem has to exchange, or of its size: what is beyond is cut at the edge
@@ -103,6 +103,22 @@ def select_runs(pick: Pick, specs: Sequence[Asked]) -> list[Asked]:
     return out
 
 
+def series_magnified(
+    specs: Sequence[Asked], duration: Callable[[Asked], float], figures: Iterable[PaperFigure] = FIGURES
+) -> dict[str, set[str]]:
+    """The series of each run, by its settings_id, of which a panel draws less than half of the ``duration`` [s].
+
+    Of a whole run the envelope of its series is as good as every step, of a small part of it there are too few spans.
+    """
+    out: dict[str, set[str]] = {}
+    for figure in figures:
+        panels = [p for p in figure.panels() if isinstance(p, Panel)]
+        for spec in (s for pick in figure.picks for s in select_runs(pick, specs)):
+            part = [p for p in panels if p.window[1] - p.window[0] < 0.5 * duration(spec)]
+            out.setdefault(spec.settings_id, set()).update(name for p in part for name in (*p.of, p.exact) if name)
+    return out
+
+
 def _settings(asked: Asked, others: Sequence[Asked]) -> str:
     c = asked.control
     own = [asked, *(s for s in others if s.solver == asked.solver)]
@@ -146,7 +162,7 @@ def curve(line: Line, name: str, panel: Panel) -> Curve | None:
     """A series in the panel's window, made small with its peaks kept; magnitudes on a logarithmic axis."""
     if line.series is None or name not in line.series:
         return None
-    t, a = line.series["t"], line.series[name]
+    t, a = line.series.points(name)
     if name == "dt" and line.run is not None and not line.run.has_stopped and len(t) > 2:
         t, a = t[:-1], a[:-1]  # the last step may be cut to end at t_end; of a failure it is the point
     return within(t, a, panel.window, largest=panel.axis.log and name != "dt")
@@ -165,8 +181,9 @@ def exact_of(panel: Panel, lines: Sequence[Line]) -> Curve | None:
     """The reference's series from the line that has it to the latest time."""
     of = [k.series for k in select_lines(panel, lines) if k.series is not None]
     found = [s for s in of if panel.exact and panel.exact in s]
-    longest = max(found, key=lambda s: np.max(s["t"], where=np.isfinite(s[panel.exact]), initial=-np.inf), default=None)
-    return None if longest is None else within(longest["t"], longest[panel.exact], panel.window)
+    drawn = [s.points(panel.exact) for s in found]
+    longest = max(drawn, key=lambda p: np.max(p[0], where=np.isfinite(p[1]), initial=-np.inf), default=None)
+    return None if longest is None else within(*longest, panel.window)
 
 
 def _remark(panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], records: Sequence[RunRecord],

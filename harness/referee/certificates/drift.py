@@ -26,6 +26,8 @@ from ...results.records import RunRecord
 from ...results.series import Series
 from .trend import FEWEST, Trend, fit_trend
 
+LONG = 100.0  # [s] of simulated time
+READS = ("energy_error", "obs_*")  # the series that are judged
 PERIODS = 50  # fewer are no long run
 BLOCKS = 40  # at most: their means must span several periods
 BAND = 0.1  # of the range of an observable, about its middle: it must cross all of it to count as a crossing
@@ -48,13 +50,18 @@ def analyse_drift(folder: Path, records: Iterable[RunRecord]) -> tuple[Drift, ..
     """One a long run; runs of fewer than ``PERIODS`` periods are left out."""
     out = []
     for r in sorted(records, key=lambda r: (r.problem, r.problem_parameters, r.solver, r.case)):
-        if r.label != "long" and r.t_end_s < 100.0:
+        if not is_long(r.label, r.t_end_s):
             continue
         series = store.series_of(folder, r)
         found = None if series is None else dissect(series)
         if found is not None or r.label == "long":
             out.append(_judge(r, found))
     return tuple(out)
+
+
+def is_long(label: str, t_end: float) -> bool:
+    """Whether the drift of a run is looked at."""
+    return label == "long" or not t_end < LONG
 
 
 def dissect(s: Series) -> Anatomy | None:

@@ -104,7 +104,7 @@ def stop_time(record: RunRecord, series: Series | None) -> float:
 @measure("series at")
 def value(record: RunRecord, s: Series, series: str, at: float) -> float:
     """The series at a time, between steps by a straight line."""
-    t, a = s["t"], s.arrays.get(series)
+    t, a = s["t"], s.get(series)
     if a is None or at > t[-1] * (1.0 + END):
         return NAN
     return float(np.interp(at, t, a))
@@ -113,7 +113,7 @@ def value(record: RunRecord, s: Series, series: str, at: float) -> float:
 @measure("series at", until="known")
 def rate(record: RunRecord, s: Series, series: str, at: float) -> float:
     """|d series/dt| over the first step that ends after ``at``."""
-    t, a = s["t"], s.arrays.get(series)
+    t, a = s["t"], s.get(series)
     if a is None or at >= t[-1]:
         return NAN
     k = int(np.searchsorted(t, at, side="right"))
@@ -139,7 +139,7 @@ def away(record: RunRecord, s: Series, of: str, **within: Any) -> float:
 @measure("series limit", grows=True, until="known")
 def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
     """First time |series| passes a limit; infinite if it never does."""
-    a = s.arrays.get(series)
+    a = s.get(series)
     if a is None:
         return NAN
     beyond = np.flatnonzero(~(np.abs(a) <= limit))
@@ -177,7 +177,7 @@ def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
     return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
 
 
-@measure(grows=True, natural="one")
+@measure(grows=True, natural="one", reads="energy")
 def energy_ratio(record: RunRecord, s: Series) -> float:
     """Largest mechanical energy over that of the start, whatever part of the run there is."""
     E = s["energy"]

@@ -70,7 +70,7 @@ def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> 
     """
     out: dict[str, Place] = {}
     for p in places:
-        if any(_matches(p, s) for s in selections):
+        if is_in(p, selections):
             key = repr(sorted((k, str(v)) for k, v in p.dimensions.items()))
             if key not in out or p.spec.control.max_steps < out[key].spec.control.max_steps:
                 out[key] = p
@@ -132,6 +132,11 @@ def _frame(parameters: Mapping[str, Any]) -> str:
     if parameters.get("rotation"):
         return "rotated"
     return ALIGNED
+
+
+def is_in(p: Place, selections: Iterable[Mapping[str, Any]]) -> bool:
+    """Whether the run is in one of the selections."""
+    return any(_matches(p, s) for s in selections)
 
 
 def _matches(p: Place, selection: Mapping[str, Any]) -> bool:

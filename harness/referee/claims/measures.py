@@ -28,7 +28,8 @@ class Measure:
     ``until`` says which part of a run settles the number: ``to`` (or ``at``; without either the end), ``end``, or
     ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run continues.
     One ``of_stopped`` runs alone leaves the others open, one ``of_problem`` is the same of all runs. Bands are moved
-    from the limit ``natural``; a ``firm`` one is a count or an end reached, which no factor moves.
+    from the limit ``natural``; a ``firm`` one is a count or an end reached, which no factor moves. ``reads`` are the
+    series that it takes beside those its arguments name.
     """
 
     of: Callable[..., float]
@@ -41,6 +42,7 @@ class Measure:
     of_stopped: bool = False
     of_problem: bool = False
     natural: Natural = "zero"
+    reads: tuple[str, ...] = ()
 
 
 MEASURES: dict[str, Measure] = {}
@@ -49,12 +51,22 @@ MEASURES: dict[str, Measure] = {}
 def enter_measure(
     name: str, of: Callable[..., Any], wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False,
     until: str = "to", grows: bool = False, of_stopped: bool = False, of_problem: bool = False,
-    natural: Natural = "zero",
+    natural: Natural = "zero", reads: str = "",
 ) -> None:  # fmt: skip
     """Enter a function in the catalogue."""
     needed = tuple(wants.split())
     taken = (*needed, *takes.split())
-    MEASURES[name] = Measure(of, taken, needed, series, pair, until, grows, of_stopped, of_problem, natural)
+    kind = (series, pair, until, grows, of_stopped, of_problem, natural, tuple(reads.split()))
+    MEASURES[name] = Measure(of, taken, needed, *kind)
+
+
+def series_read(name: str, arguments: Mapping[str, Any]) -> set[str]:
+    """The series of a run that the measure reads at every step, beside the times."""
+    if not MEASURES[name].needs_series:
+        return set()
+    named = [arguments[k] for k in ("series", "low") if k in arguments]
+    out = {*MEASURES[name].reads, *(s for one in named for s in ([one] if isinstance(one, str) else one))}
+    return out | {f"{kind}_{arguments['of']}" for kind in ("obs", "ref") if "of" in arguments}
 
 
 def measure(wants: str = "", takes: str = "", **kind: Any) -> Callable[..., Any]:
@@ -113,7 +125,7 @@ def stretch(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> np.ndarray | None:
     """The series in [begin, to]; None if it does not exist or the run ended before ``to`` (``partial``: ``begin``)."""
-    a, t = s.arrays.get(series), s["t"]
+    a, t = s.get(series), s["t"]
     end = record.t_end_s if math.isnan(to) else to
     if a is None or (not partial and t[-1] < end * (1.0 - END)):
         return None

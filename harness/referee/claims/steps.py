@@ -38,7 +38,7 @@ measure_over(_steps, "", STEPS)
 @measure("series low within", until="known")
 def drop_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
     """Lowest of ``series`` within a time of the first minimum of ``low``, less its value before: a fall is negative."""
-    a, turn, t = s.arrays.get(series), _first_minimum(s, low), s["t"]
+    a, turn, t = s.get(series), _first_minimum(s, low), s["t"]
     if a is None or turn is None or t[-1] < (t[turn] + within) * (1.0 - END):
         return NAN
     near = a[np.abs(t - t[turn]) <= within]
@@ -53,7 +53,7 @@ def peak_after_lowest(record: RunRecord, s: Series, series: str, low: str, to: f
 
 
 def _first_minimum(s: Series, low: str) -> int | None:
-    h = s.arrays.get(low)
+    h = s.get(low)
     if h is None:
         return None
     turns = np.flatnonzero((h[1:-1] < h[:-2]) & (h[1:-1] <= h[2:])) + 1

@@ -137,10 +137,10 @@ def marks_of(series: Series, run: Run, player: int) -> list[dict[str, Any]]:
                     for k, v in event.items() if k not in ("t", "kind")]  # fmt: skip
             out.append((float(at), "event", ", ".join([str(event.get("kind", "event")), *rest])[:200]))
     if "energy_error" in series:
-        error = np.abs(np.where(np.isfinite(series["energy_error"]), series["energy_error"], 0.0))
-        k = int(np.argmax(error))
-        if error[k] > 0.0:
-            out.append((float(t[k]), "whip", f"largest energy error, {series['energy_error'][k]:.3g} J"))
+        at, error = series.points("energy_error")
+        k = int(np.argmax(np.abs(np.where(np.isfinite(error), error, 0.0)))) if len(error) else 0
+        if len(error) and abs(error[k]) > 0.0:
+            out.append((float(at[k]), "whip", f"largest energy error, {error[k]:.3g} J"))
     if run.has_stopped:
         out.append((float(t[-1]), "stop", f"{run.status.replace('_', ' ')}: {'; '.join(run.reasons)}"[:400]))
     return [{"t": at, "kind": kind, "player": player, "words": words}
@@ -161,16 +161,18 @@ def strip(
 
 def select_known(series: Sequence[Series]) -> list[Mapping[str, Any]]:
     """Those that some run has a number for: without a reference there is no error."""
-    return [s for s in STRIPS if any(s["name"] in own and np.isfinite(own[s["name"]]).any() for own in series)]
+    return [
+        s for s in STRIPS if any(s["name"] in own and np.isfinite(own.points(s["name"])[1]).any() for own in series)
+    ]
 
 
 def strips_of(series: Series, run: Run, t_end: float, spans: int = SPANS, kinds: Sequence[Mapping[str, Any]] = STRIPS
               ) -> Float[np.ndarray, "n spans"]:  # fmt: skip
     """Strips of a run in the order of ``kinds``: smallest values, where they matter, and largest ones."""
-    t, out = series["t"], []
+    out: list[np.ndarray] = []
     for kind in kinds:
         name = kind["name"]
-        a = series[name] if name in series else np.full(len(t), np.nan)
+        t, a = series.points(name) if name in series else (np.zeros(0), np.zeros(0))
         if name == "dt" and len(a) > 2 and not run.has_stopped:
             a = a[:-1]  # cut to end at t_end; of a failure it is the point
         low_high = strip(t[: len(a)], a, t_end, spans)

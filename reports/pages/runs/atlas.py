@@ -72,7 +72,7 @@ def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
         return ()
     rows = min(DRAWN, len(series["t"]) - 1)
     return tuple(
-        panel(title, unit, series[name][-rows:].tolist(), colour, star=run.has_stopped)
+        panel(title, unit, series.tail(name, rows).tolist(), colour, star=run.has_stopped)
         for name, title, unit in SHOWN if name in series
     )  # fmt: skip
 
@@ -145,10 +145,10 @@ def _size(
     series: Series, cause: str, name: str, unit: str, scale: float, limit: float, words: str
 ) -> tuple[str, bool, str] | None:
     """The size of an error at the end, as a part of its scale; how much the last rows grew, if more than a swing."""
-    if name not in series or not len(series[name]) or not scale > 0.0:
+    tail = np.abs(series.tail(name, LAST)) if name in series else np.zeros(0)
+    if not len(tail) or not scale > 0.0:
         return None
-    size = np.abs(series[name])
-    last, tail = float(size[-1]), size[-LAST:]
+    last = float(tail[-1])
     share = f"{number(100.0 * last / scale)} %" if not last / scale < 1e-5 else "less than 0.001 %"
     said = words.format(f"{number(last)} {unit} at the end, {share} of")
     before = tail[: len(tail) // 2]
@@ -163,7 +163,7 @@ def _chart(series: Series) -> tuple[str, bool, str] | None:
     """Solvers in angles record how far they are from their chart's singularity."""
     if "diag_chart_margin" not in series:
         return None
-    margin = np.abs(series["diag_chart_margin"][-LAST:])
+    margin = np.abs(series.tail("diag_chart_margin", LAST))
     least = float(np.fmin.reduce(margin, initial=np.inf))  # NaN is left out
     if least >= NEAR_CHART:
         return None

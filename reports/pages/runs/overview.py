@@ -71,7 +71,7 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
     series = results.series(b.run, poses=False) if r.series else None
     strip = None
     if series is not None and "energy_error" in series and len(series["t"]):
-        curve = upper(series["t"], series["energy_error"], r.t_end_s, STRIP)
+        curve = upper(*series.points("energy_error"), r.t_end_s, STRIP)
         strip = {"t": Steps(curve.t), "y": Steps(curve.y, log=True)}
     error = f"{number(measure.of(b.run))} {measure.unit}" if measure else "no reference"
     facts = (("CPU", seconds(r.cpu_median_s)), (measure.what if measure else "error", error),

@@ -1,9 +1,11 @@
 """Which states of a run a bundle holds: all, or those of the maxima that decide on its status, as far as they fit."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Bool, Int
 
-from ..results.series import Series
+from .series import BUNDLED, Series
 
 ROOM = 14_000  # [bytes] of the states of a run, numbers that are zero left out; a run of which not one fits has none
 ERRORS = (
@@ -23,8 +25,11 @@ def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndar
     """The states of the run that fit, of the maxima in order, then the first and the last; the exact ones beside them.
 
     An error takes both states; that between two steps both of these, and the last value tells whether they fit. The
-    exact states that set scales are there too: few of systems that have a reference.
+    exact states that set scales are there too: few of systems that have a reference. A brief file holds what was chosen.
     """
+    if BUNDLED[0] in series:
+        chosen, exact, between = (series[name] for name in BUNDLED)
+        return chosen, exact, bool(between[0])
     t, sizes, room = series["state_t"], _sizes(series, "state"), ROOM
     exact_t, exact_sizes = (
         (series["sample_t"], _sizes(series, "sample")) if "sample_t" in series else (t[:0], sizes[:0])
@@ -45,6 +50,16 @@ def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndar
             room -= cost
             between |= name == BETWEEN and bool(at < t[-1])  # the last step but one may not be in the series
     return chosen, exact, between
+
+
+def leave_out_states(arrays: Mapping[str, np.ndarray], peaks: Mapping[str, float]) -> dict[str, np.ndarray]:
+    """The arrays of a series file with the states that a bundle takes and that of the largest error of a reaction."""
+    chosen, exact, between = select_states(Series(arrays, (), (), (), {}, {}, peaks))
+    at = arrays["state_t"]
+    kept = {"state": chosen | (at == peaks.get(REACTION, np.nan)), "sample": exact}
+    chosen_of = dict(zip(BUNDLED, (chosen[kept["state"]], exact[exact], np.array([between])), strict=True))
+    rows = {k: a[kept[kind]] for kind in kept for k, a in arrays.items() if k.startswith(f"{kind}_")}
+    return {**arrays, **rows, **chosen_of}
 
 
 def _sizes(series: Series, kind: str) -> Int[np.ndarray, " n"]:

@@ -1,0 +1,112 @@
+"""What is drawn made small in a series file: poses on a grid, envelopes as codes, both as differences, bytes apart.
+
+What is judged is packed without loss: times follow from the steps where their sums have the same bits.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Int
+
+from .envelopes import Envelope
+
+Arrays = dict[str, np.ndarray]
+DRAWN = ("frame", "exact")  # poses
+GRID = 2e-4  # of the length of the motion: a step of positions, a tenth of a pixel of a picture
+TURNS = 4095  # steps of a quaternion's components from 0 to 1
+FAR = 2**30  # [steps] a motion that went farther keeps its positions as float32
+PACKED, ENVELOPE = "packed_", "env_"
+
+
+def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], length: float) -> Arrays:
+    """The members of a file; ``length`` [m] of the motion."""
+    out = dict(arrays)
+    if np.array_equal(_sum_steps(out["t"][:1], out["dt"]), out["t"]):
+        out["t"] = out["t"][:1]
+    for kind in DRAWN:
+        if f"{kind}_r" in out:
+            out |= _pack_poses(kind, out.pop(f"{kind}_r"), out.pop(f"{kind}_q"), length)
+    for name, e in envelopes.items():
+        low, high = e.codes
+        out[f"{ENVELOPE}{name}"] = _apart(np.concatenate((np.diff(low, prepend=np.int32(0)), high - low)))
+    if envelopes:
+        some = next(iter(envelopes.values()))
+        out["env"] = np.array([some.begin, some.end])
+    return out
+
+
+def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelope]]:
+    """The arrays and envelopes of a file; ValueError where they do not fit each other. Poses may be left out."""
+    out = {k: a for k, a in members.items() if not k.startswith((PACKED, ENVELOPE)) and k != "env"}
+    if "t" in out and "dt" in out and len(out["t"]) == 1:
+        out["t"] = _sum_steps(out["t"], out["dt"])
+    for kind in DRAWN:
+        if f"{PACKED}{kind}_q" in members:
+            out |= _unpack_poses(kind, members)
+    envelopes = dict[str, Envelope]()
+    for name in (k for k in members if k.startswith(ENVELOPE)):
+        values = _together(members[name])
+        if members["env"].shape != (2,) or len(values) % 2:
+            raise ValueError(f"{name} is no envelope")
+        low, high = values.reshape(2, -1)
+        low = np.cumsum(low, dtype=np.int32)
+        begin, end = map(float, members["env"])
+        envelopes[name.removeprefix(ENVELOPE)] = Envelope(begin, end, np.stack((low, low + high)))
+    return out, envelopes
+
+
+def _sum_steps(start: np.ndarray, dt: np.ndarray) -> np.ndarray:
+    return np.cumsum(np.concatenate((start, dt[1:])))
+
+
+def _pack_poses(kind: str, r: np.ndarray, q: np.ndarray, length: float) -> Arrays:
+    """Where they are finite and near enough; else r stays as it is, NaN of q become 0."""
+    step = GRID * (length if length > 0.0 else 1.0)
+    steps = np.rint(r.astype(float) / step)
+    turned = np.rint(TURNS * _continue_signs(np.nan_to_num(q.astype(float))))
+    out = {f"{PACKED}{kind}_q": _along(turned.astype(np.int32)), f"{PACKED}{kind}_shape": np.array(q.shape[:2])}
+    if np.all(np.abs(steps) < FAR):
+        return out | {f"{PACKED}{kind}_r": _along(steps.astype(np.int32)), f"{PACKED}{kind}_step": np.array(step)}
+    return out | {f"{kind}_r": r}
+
+
+def _continue_signs(q: np.ndarray) -> np.ndarray:
+    """Each quaternion with the sign that lies nearer to the one before; both mean the same turn."""
+    signs = np.where(np.sum(q[1:] * q[:-1], axis=-1) < 0.0, -1.0, 1.0)
+    return np.concatenate((q[:1], q[1:] * np.cumprod(signs, axis=0)[..., None]))
+
+
+def _unpack_poses(kind: str, members: Mapping[str, np.ndarray]) -> Arrays:
+    n, nb = map(int, members[f"{PACKED}{kind}_shape"])
+    turned = _along_back(members[f"{PACKED}{kind}_q"], (n, nb, 4)) / TURNS
+    size = np.linalg.norm(turned, axis=2, keepdims=True)
+    q = np.divide(turned, size, out=np.full_like(turned, np.nan), where=size > 0.0)
+    out = {f"{kind}_q": q.astype(np.float32)}
+    if f"{PACKED}{kind}_r" in members:
+        r = _along_back(members[f"{PACKED}{kind}_r"], (n, nb, 3)) * float(members[f"{PACKED}{kind}_step"])
+        out[f"{kind}_r"] = r.astype(np.float32)
+    return out
+
+
+def _along(a: Int[np.ndarray, "n ..."]) -> np.ndarray:
+    """Differences along the first axis, one column after the other."""
+    flat = a.reshape(len(a), -1)
+    return _apart(np.diff(flat, axis=0, prepend=np.zeros_like(flat[:1])).T.ravel())
+
+
+def _along_back(packed: np.ndarray, shape: tuple[int, ...]) -> Int[np.ndarray, "n ..."]:
+    values = _together(packed)
+    if min(shape) < 1 or len(values) != np.prod(shape):
+        raise ValueError(f"{len(values)} numbers of poses where the shape is {shape}")
+    return np.cumsum(values.reshape(-1, shape[0]), axis=1, dtype=np.int32).T.reshape(shape)
+
+
+def _apart(a: Int[np.ndarray, " n"]) -> np.ndarray:
+    """The first bytes of all numbers, then the second and so on: equal ones follow each other."""
+    return np.ascontiguousarray(a.astype("<i4").view(np.uint8).reshape(-1, 4).T)
+
+
+def _together(planes: np.ndarray) -> Int[np.ndarray, " n"]:
+    if planes.dtype != np.uint8 or planes.ndim != 2 or len(planes) != 4:
+        raise ValueError(f"packed numbers of {planes.dtype} of shape {planes.shape}")
+    return np.ascontiguousarray(planes.T).view("<i4").ravel().astype(np.int32)
