@@ -136,6 +136,15 @@ def positive_float(text: str, name: str = "") -> float:
     return value
 
 
+def duration(text: str) -> float:
+    """Days, hours or weeks from the command line [s]."""
+    hours = {"h": 1.0, "d": 24.0, "w": 168.0}.get(text[-1:], 0.0)
+    number = text[:-1]
+    if not hours or not number.isdecimal() or len(number) > 6:
+        raise UsageError(f"must be a whole number of hours, days or weeks, as 12h, 7d or 2w (got {text!r})")
+    return 3600.0 * hours * int(number)
+
+
 def count_jobs(given: int | None) -> int:
     """Number of processes: as given, else one a core."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -5,7 +5,8 @@ import argparse
 from ..harness.bundle.archive import write_archive
 from ..harness.bundle.contents import list_contents
 from ..harness.results import store
-from .arguments import UsageError
+from .again import find_brief, solved_again
+from .arguments import UsageError, count_jobs, load_plugins
 from .terminal import console, plural, print_json, print_unreadable
 
 
@@ -16,7 +17,10 @@ def run(arguments: argparse.Namespace) -> int:
     records = store.newest(loaded.records)
     if not records:
         raise UsageError(f"{folder} holds no results")
-    files = write_archive(out, list_contents(folder, records, lossless=arguments.lossless))
+    plugins = load_plugins(arguments.plugin)
+    lacking = find_brief(folder, records) if arguments.lossless else []
+    with solved_again(folder, lacking, count_jobs(arguments.jobs), plugins, lossless=True) as again:
+        files = write_archive(out, list_contents(folder, records, lossless=arguments.lossless, again=again))
     size = out.stat().st_size
     if arguments.json:
         print_json({"file": str(out), "runs": len(records), "bytes": size, "left_out": len(loaded.unreadable)})

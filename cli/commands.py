@@ -15,6 +15,7 @@ from .arguments import (
     add_results,
     add_running,
     add_set,
+    duration,
     find_results,
     positive_float,
     positive_int,
@@ -45,7 +46,7 @@ def add_commands(commands: Any) -> None:
     for add in (
         _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_ensemble,
         _add_fuzz, _add_referee, _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff,
-        _add_merge, _add_bundle, _add_submit, _add_ladder, _add_history, _add_figures, _add_completion,
+        _add_merge, _add_bundle, _add_clean, _add_submit, _add_ladder, _add_history, _add_figures, _add_completion,
     ):  # fmt: skip
         add(commands)
 
@@ -94,7 +95,7 @@ def _add_run(commands: Any) -> None:
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
     p.add_argument("--in-turns", type=positive_int, metavar="N", help=turns)
-    lossless = "keep the states of every step in the series, for a bundle that can be checked to the last step"
+    lossless = "keep every step with its states, not envelopes: nothing has to be solved again for a bundle"
     p.add_argument("--lossless", action="store_true", help=lossless)
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
 
@@ -108,6 +109,9 @@ def _add_show(commands: Any) -> None:
         p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with this {name}, or one of these")
     p.add_argument("--sort", metavar="KEY", help=f"largest first, by {', '.join(SORTS)} or any numeric column")
     p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
+    steps = "print every step of RUN as CSV, solved again where the results lack it"
+    p.add_argument("--steps", action="store_true", help=steps)
+    add_plugin(p, "with --steps: plugin that the results were made with")
 
 
 def _add_report(commands: Any) -> None:
@@ -325,8 +329,23 @@ def _add_bundle(commands: Any) -> None:
     p = subcommand(commands, "bundle", words, "one object")
     add_results(p)
     add_file(p, "-o", "--out", words="file to write, as docs/bundle.md says", metavar="B.zip", required=True)
-    lossless = "all states and series that the results hold, not only those that decide on the status"
+    lossless = "every step, solved again where the results lack it, not only the states that decide on the status"
     p.add_argument("--lossless", action="store_true", help=lossless)
+    add_plugin(p, "plugin that the results were made with")
+    add_jobs(p)
+
+
+def _add_clean(commands: Any) -> None:
+    words = (
+        "remove old results in results/local/ and what caches hold unused; never results that a command is writing, "
+        "that latest points to, or that have a name of your own"
+    )
+    p = subcommand(commands, "clean", words)
+    keep = "of each suite the newest N stay (default: 1)"
+    p.add_argument("--keep", type=positive_int, default=1, metavar="N", help=keep)
+    older = "only results that have not changed for so long, and files of caches not used for it (default: 30d), as 12h"
+    p.add_argument("--older-than", type=duration, metavar="7d", help=older)
+    p.add_argument("--dry-run", action="store_true", help="say what would be removed, and remove nothing")
 
 
 def _add_submit(commands: Any) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 
+from ..harness.results import store
 from ..harness.suites.suite import load_suite
 from .terminal import console
 
@@ -13,9 +14,10 @@ def run(arguments: argparse.Namespace) -> int:
     from ..reports.paper import build as paper
 
     out = console()
-    if arguments.paper:
-        paper.command(folder, arguments.only, load_suite("paper").specs, out.print)
-    else:
-        publication.command(folder, arguments.only, out.print)
+    with store.in_use(folder):
+        if arguments.paper:
+            paper.command(folder, arguments.only, load_suite("paper").specs, out.print)
+        else:
+            publication.command(folder, arguments.only, out.print)
     out.print(f"figures: {folder / (paper if arguments.paper else publication).FOLDER}")
     return 0

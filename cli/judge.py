@@ -57,9 +57,10 @@ def run(arguments: argparse.Namespace) -> int:
     before = None if arguments.publish else read_claims(published)
     if before is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
-    judged = judge_results(folder, register, lambda part: error_console().print(f"judging: {part}"))
-    code = code_now(register, judging.list_whole())
-    write_judgements(Place(folder) / FOLDER, judged, code)
+    with store.in_use(folder):
+        judged = judge_results(folder, register, lambda part: error_console().print(f"judging: {part}"))
+        code = code_now(register, judging.list_whole())
+        write_judgements(Place(folder) / FOLDER, judged, code)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
     here = {r.settings_id for r in loaded.records}
     whole = [c for c in judged["claims"] if c.id not in lacking and here.intersection(c.settings_ids)]

@@ -11,7 +11,7 @@ GROUPS = {  # of commands, in the order of --help
     "look": "list show report figures history",
     "put yours in": "check try fuzz referee shadow export submit ladder",
     "judge": "judge claim gate",
-    "keep results": "verify diff merge bundle",
+    "keep results": "verify diff merge bundle clean",
     "set up": "completion",
 }
 MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."

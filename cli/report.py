@@ -3,6 +3,7 @@
 import argparse
 
 from ..harness.places import Place
+from ..harness.results import store
 from .arguments import UsageError, find_results
 from .terminal import console
 
@@ -17,12 +18,13 @@ def run(arguments: argparse.Namespace) -> int:
     from ..reports.pages.compare import write_compare  # here: they take a second to load
     from ..reports.site import build
 
-    if len(folders) == 1:
-        index = build(folders[0])
-    elif arguments.out is None:
-        index = write_compare(folders[0], folders[1], Place(folders[1]) / "report")
-    else:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        index = write_compare(folders[0], folders[1], Place(arguments.out))
+    with store.in_use(folders[-1]):
+        if len(folders) == 1:
+            index = build(folders[0])
+        elif arguments.out is None:
+            index = write_compare(folders[0], folders[1], Place(folders[1]) / "report")
+        else:
+            arguments.out.mkdir(parents=True, exist_ok=True)
+            index = write_compare(folders[0], folders[1], Place(arguments.out))
     console().print(f"report: {index}")
     return 0

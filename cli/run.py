@@ -71,8 +71,9 @@ def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple
     from ..harness.races.in_turns import time_in_turns
 
     error_console().print(f"timing in turns, {turns} times each")
-    _, failures = time_in_turns(folder, records, turns, plugins)
-    store.write_table(folder, store.load(folder, check_series=False).records)
+    with store.in_use(folder):
+        _, failures = time_in_turns(folder, records, turns, plugins)
+        store.write_table(folder, store.load(folder, check_series=False).records)
     for line in failures:
         error_console().print(f"not timed: {line}")
     return failures

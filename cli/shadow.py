@@ -5,6 +5,7 @@ import json
 import tempfile
 from pathlib import Path
 
+from ..harness.execution.again import rebuild_spec
 from ..harness.execution.run_file import read_run
 from ..harness.execution.solve_file import solve_to_file
 from ..harness.foreign.judge import read_trajectory
@@ -22,7 +23,6 @@ from .findings import print_findings
 from .referee import parse_settings
 from .show import find_run
 from .terminal import console
-from .verify import rebuild_spec
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,8 +1,10 @@
 """``show``: a results folder as a table on the terminal, or one of its runs in detail."""
 
 import argparse
+import csv
 import json
 import math
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,15 +14,18 @@ from rich.console import Console
 from rich.text import Text
 
 from ..harness.catalogue.options import nearest
+from ..harness.execution.again import name_run
 from ..harness.files import FileError, printable
 from ..harness.results import records, store
 from ..harness.results.provenance import stamp_of
 from ..harness.results.records import COLUMNS, RunRecord, reasons_of
 from ..harness.results.reproduce import write_command
+from ..harness.results.series import OTHER, POSES
 from ..harness.results.store import Unreadable
 from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
 from ..harness.types import Status
-from .arguments import UsageError
+from .again import solved_again
+from .arguments import UsageError, load_plugins
 from .commands import FILTERS, SORTS
 from .terminal import (
     Column,
@@ -81,6 +86,23 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
             out.print(Text("  " + line))
     _print_heading(out, "Command that repeats this run")
     console().print(f"  {command}")
+
+
+def print_steps(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> None:
+    """Print every step as CSV, each number with all its digits; solved again where the results keep envelopes."""
+    series = store.series_of(folder, record, poses=False)
+    if series is None:
+        raise UsageError(f"{name_run(record)} has no steps")
+    lacking = [record] if series.envelopes or len(series["t"]) <= record.steps else []
+    with solved_again(folder, lacking, 1, plugins, lossless=False) as again:
+        series = again.get(record.run_id, series)
+    rows = len(series["t"])
+    if rows <= record.steps:
+        raise FileError(f"{name_run(record)} has {record.steps} steps: more than the {rows} rows of a series file")
+    names = [k for k, a in series.arrays.items() if a.shape == (rows,) and not k.startswith((*POSES, *OTHER))]
+    out = csv.writer(sys.stdout, lineterminator="\n")
+    out.writerow(names)
+    out.writerows(zip(*(series[name].tolist() for name in names), strict=True))
 
 
 def _list_settings(r: RunRecord) -> dict[str, str]:
@@ -145,6 +167,11 @@ def run(arguments: argparse.Namespace) -> int:
     folder = arguments.results
     loaded = store.load(folder, check_series=arguments.json)
     plugins = [p for p in stamp_of(folder).get("plugins", []) if isinstance(p, str)]
+    if arguments.steps:
+        if arguments.run_name is None or arguments.json:
+            raise UsageError("--steps prints the steps of one RUN as CSV: give it, and no --json")
+        print_steps(folder, find_run(loaded.records, arguments.run_name), load_plugins(arguments.plugin))
+        return 0
     unreadable = list(loaded.unreadable)
     chosen = _select_runs(loaded.records, arguments)
     if arguments.json:

@@ -1,20 +1,16 @@
 """``verify``: repeat a sample of finished runs on this machine and compare."""
 
 import argparse
-import json
-import math
 import random
 import tempfile
 from pathlib import Path
 
+from ..harness.execution.again import rebuild_spec
 from ..harness.execution.runner import Request
 from ..harness.results import store
 from ..harness.results.comparison import compare, is_repeatable
 from ..harness.results.provenance import find_differences, same_platform, stamp_of
-from ..harness.results.records import RunRecord
-from ..harness.results.reproduce import REFEREED, control_of
-from ..harness.sandbox.trial import make_problem
-from ..harness.suites.spec import RunSpec, make_spec
+from ..harness.results.reproduce import REFEREED
 from ..harness.suites.suite import Suite
 from .arguments import UsageError, count_jobs, load_plugins
 from .diff import show_comparison
@@ -50,17 +46,3 @@ def run(arguments: argparse.Namespace) -> int:
     out.print(f"{'verified' if good else 'NOT verified'}: {len(sample)} of {len(records)} runs ({demand})")
     print_unreadable(loaded.unreadable, out)
     return 0 if good and not loaded.unreadable else 1
-
-
-def rebuild_spec(record: RunRecord) -> RunSpec:
-    """The spec of a record's run, or UsageError where this checkout would run something else."""
-    try:
-        problem = make_problem(record.problem, json.loads(record.problem_parameters))
-        control = control_of(record)
-        limits = {"cpu_limit": control.pop("cpu_limit", math.nan), "memory": record.memory_limit_MB}
-        spec = make_spec(problem, record.solver, json.loads(record.solver_options), control, **limits)
-    except ValueError as error:
-        raise UsageError(f"{record.case} cannot be run here: {error}") from None
-    if spec.settings_id != record.settings_id:
-        raise UsageError(f"{record.case} has other settings in this checkout: defaults have changed")
-    return spec

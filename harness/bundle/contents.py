@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ SORT = "system_joint_sort"
 ENERGY = "energy_error"  # of each state: no state tells the work done
 NUMBERS = ("gravity", "joint_i", "system_mass", "system_user_i", SORT, *(f"start_{name}" for name in STATE))
 Array = np.ndarray[Any, Any]
+NOTHING: Mapping[str, Series] = MappingProxyType({})
 FORCES = {  # follow the joints, as joints of one row: the names of their numbers
     "spring": {"i": "i", "j": "j", "s_i": "p_i", "s_j": "p_j", "length": "d0", "k": "k", "c": "c"},
     "torsion": {"i": "i", "j": "j", "u": "u", "n": "n", "length": "rest", "k": "k", "c": "c"},
@@ -66,16 +68,23 @@ class _Exact:
         return _write_states(stated, np.array(times), *states)
 
 
-def list_contents(folder: Path, records: Iterable[RunRecord], *, lossless: bool) -> Iterator[tuple[str, bytes]]:
-    """Name and content of each file of the bundle but the manifest, in order."""
+def list_contents(
+    folder: Path, records: Iterable[RunRecord], *, lossless: bool, again: Mapping[str, Series] = NOTHING
+) -> Iterator[tuple[str, bytes]]:
+    """Name and content of each file of the bundle but the manifest, in order.
+
+    ``again``: series of runs that were solved again, by run_id.
+    """
     records, files = sorted(records, key=lambda r: r.run_id), dict[str, tuple[str, int]]()
-    for name, content in _list_data(folder, records, lossless=lossless):
+    for name, content in _list_data(folder, records, again, lossless=lossless):
         files[name] = hashlib.sha256(content).hexdigest(), len(content)
         yield name, content
     yield METADATA, _json(describe_crate(files, records, lossless=lossless))
 
 
-def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) -> Iterator[tuple[str, bytes]]:
+def _list_data(
+    folder: Path, records: Sequence[RunRecord], again: Mapping[str, Series], *, lossless: bool
+) -> Iterator[tuple[str, bytes]]:
     runs, exact_of = list[dict[str, Any]](), dict[str, _Exact]()
     codes = sorted({r.code for r in records})
     yield "bundle.json", _json({"format": FORMAT, "version": VERSION, "lossless": lossless, "codes": codes})
@@ -87,7 +96,7 @@ def _list_data(folder: Path, records: Sequence[RunRecord], *, lossless: bool) ->
             raise FileError(f"{record.run_id!r} is no id of a run")
         run: dict[str, Any] = {"run_id": record.run_id, "problem": "", "states": "none", "peaks_s": {}, "arrays": {}}
         run |= {"reaction": list[float](), "between": False}
-        series = store.series_of(folder, record)
+        series = again.get(record.run_id) or store.series_of(folder, record)
         if series is not None and "state_t" in series:
             _check_arrays(record, series)
             problem = _describe_problem(record, series)

@@ -11,12 +11,13 @@ from scipy.spatial.transform import Rotation
 from ..mechanics.state import States
 from ..metrics.measure import Measured, count_covered, stated_error
 from ..metrics.peaks import find_peaks, steps_to_keep, times_between, times_of_scales, times_to_keep
+from ..metrics.periods import find_periods
 from ..metrics.reactions import largest_joint_force
 from ..metrics.thinning import frames_to_keep, rows_to_keep
 from ..reference.computation import ComputedReference, Source, reference_of, source_of
 from ..results.envelopes import FEW, envelope_of
 from ..results.selection import leave_out_states
-from ..results.series import LARGEST, LAST, Series
+from ..results.series import LARGEST, LAST, MARKS, Series
 from ..types import Problem, Reference, Status, Trajectory
 
 SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
@@ -51,6 +52,8 @@ def series_of(
     kept = _select(full, keep or ()) if brief and len(m.t) > FEW else set(full)
     arrays = {k: full[k][rows] for k in full if k in kept}
     left = {} if kept >= set(full) else {k: a for k, a in (full | _distances(full)).items() if k not in kept}
+    if brief and MARKS in (keep or ()):
+        arrays[MARKS] = find_periods(m.t[rows], {k: full[k][rows] for k in full if k.startswith("obs_")})
     if left and trajectory.status != Status.SUCCESS:
         arrays |= {f"{LAST}{k}": a[-TAIL:] for k, a in left.items()}
     units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
@@ -68,7 +71,7 @@ def series_of(
         at,
         _source(problem, reference),
         {k: envelope_of(m.t, a) for k, a in left.items()},
-        digest_steps(trajectory) if brief else "",
+        digest_steps(trajectory),
         m.size.length if brief else math.nan,
     )  # fmt: skip
 

@@ -35,7 +35,7 @@ class Envelope:
 
     @property
     def points(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Times and values to draw: both of each span at a time within it, the first at the begin, the last at the end."""
+        """Times and values to draw: both of each span, at a time within it."""
         t = np.linspace(self.begin, self.end, self.codes.shape[1])
         return np.repeat(t, 2), np.stack((self.low, self.high), axis=1).ravel()
 

@@ -30,9 +30,9 @@ class Difference:
     detail: str = ""
 
 
-def stamp_of(folder: Path) -> dict[str, Any]:
-    """``environment.json`` of a results folder; empty where it cannot be read, NotOwn where it is a link."""
-    path = Place(folder) / "environment.json"
+def stamp_of(folder: Path, name: str = "environment.json") -> dict[str, Any]:
+    """The environment in a results folder; empty where it cannot be read, NotOwn where it is a link."""
+    path = Place(folder) / name
     try:
         plain = parse_json(read_text(path, "environment"), str(path))
     except FileError:

@@ -25,11 +25,11 @@ def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndar
     """The states of the run that fit, of the maxima in order, then the first and the last; the exact ones beside them.
 
     An error takes both states; that between two steps both of these, and the last value tells whether they fit. The
-    exact states that set scales are there too: few of systems that have a reference. A brief file holds what was chosen.
+    exact states that set scales are there too: few of systems that have a reference. A brief file tells.
     """
     if BUNDLED[0] in series:
-        chosen, exact, between = (series[name] for name in BUNDLED)
-        return chosen, exact, bool(between[0])
+        states, samples, around = (series[name] for name in BUNDLED)
+        return states, samples, bool(around[0])
     t, sizes, room = series["state_t"], _sizes(series, "state"), ROOM
     exact_t, exact_sizes = (
         (series["sample_t"], _sizes(series, "sample")) if "sample_t" in series else (t[:0], sizes[:0])

@@ -21,13 +21,15 @@ from .envelopes import Envelope
 from .npz import read_npz, write_npz
 from .packing import PACKED, pack, unpack
 
-PLAIN, BRIEF = 1, 2  # schemas
+PLAIN: Literal[1] = 1  # schemas
+BRIEF: Literal[2] = 2
 KIND: Literal["mbsbench series"] = "mbsbench series"
 LARGEST = 2**28  # [bytes] of a file, and of its arrays: ten times the longest
+MARKS = "period_marks"  # [s] ends of the periods of a long motion
 LAST = "last_"  # the last rows of a series that is kept as an envelope
 POSES = ("frame", "exact", "state", "sample")  # along times of their own
 BUNDLED = ("bundled_states", "bundled_samples", "bundled_between")  # which states of a brief file a bundle takes
-OTHER = ("end_", "start_", "joint_", "gravity", "system_", LAST, "bundled_")  # not along time
+OTHER = ("end_", "start_", "joint_", "gravity", "system_", LAST, MARKS, "bundled_")  # not along time
 
 
 class Enveloped(FileError):
@@ -50,7 +52,7 @@ class Series:
     peaks: Mapping[str, float] = field(default_factory=dict)  # [s] when reported maxima occurred, by column
     reference: str = ""  # where it comes from: ``harness.reference.computation.Source``
     envelopes: Mapping[str, Envelope] = field(default_factory=dict)
-    steps_sha256: str = ""  # of all accepted steps, where not all are kept
+    steps_sha256: str = ""  # of all accepted steps, whether kept or not; empty in older files
     length: float = math.nan  # [m] of the motion, where what is drawn is packed
 
     def __getitem__(self, name: str) -> np.ndarray:

@@ -4,12 +4,13 @@
 holds: ``docs/results-format.md``.
 """
 
+import contextlib
 import fcntl
 import hashlib
 import itertools
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -29,8 +30,10 @@ LARGEST = 2**22  # [bytes] of a record's file: a hundred times the longest
 NATIVE = 2**20  # [bytes] of a standard error, which runs leave trimmed
 LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
+LOCK, IN_USE = ".lock", ".in_use"  # held by the one command that makes runs, and by those that add pages and verdicts
 OTHERS = (
-    ".lock",
+    LOCK,
+    IN_USE,
     ".spool",
     "environment.json",
     "judgement",
@@ -114,18 +117,28 @@ def create(folder: Path) -> Path:
     return folder
 
 
-def lock(folder: Path) -> BinaryIO:
+def lock(folder: Path, name: str = LOCK) -> BinaryIO:
     """Hold the folder for one runner; the lock goes with the returned file or the process."""
     try:
-        file = (Place(folder) / ".lock").open_file(os.O_RDWR | os.O_CREAT)
+        file = (Place(folder) / name).open_file(os.O_RDWR | os.O_CREAT)
     except OSError as error:
-        raise FileError(f"cannot lock {folder} by its file .lock: {error.strerror or error}") from None
+        raise FileError(f"cannot lock {folder} by its file {name}: {error.strerror or error}") from None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         file.close()
         raise FileError(f"another runner is writing to {folder}; wait for it or give another --out") from None
     return file
+
+
+@contextlib.contextmanager
+def in_use(folder: Path) -> Iterator[None]:
+    """Mark the folder as one that a command adds to, beside others: ``clean`` leaves it. No effect if read-only."""
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(OSError):
+            file = held.enter_context((Place(folder) / IN_USE).open_file(os.O_RDWR | os.O_CREAT))
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        yield
 
 
 def remove_partial(folder: Path) -> None:

@@ -8,7 +8,6 @@ Integrals are of the straight lines through the kept steps: a thinned series kee
 them, so that a mean of points would be wrong and the integral is not.
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,20 +17,17 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 from scipy.integrate import cumulative_trapezoid
-from scipy.stats import variation
 
+from ...metrics.periods import PERIODS, find_periods
 from ...results import store
 from ...results.judgements.runs import Drift
 from ...results.records import RunRecord
-from ...results.series import Series
+from ...results.series import MARKS, Series
 from .trend import FEWEST, Trend, fit_trend
 
 LONG = 100.0  # [s] of simulated time
-READS = ("energy_error", "obs_*")  # the series that are judged
-PERIODS = 50  # fewer are no long run
+READS = ("energy_error", MARKS)  # of a series, what is judged
 BLOCKS = 40  # at most: their means must span several periods
-BAND = 0.1  # of the range of an observable, about its middle: it must cross all of it to count as a crossing
-UNEVEN = 0.2  # standard deviation of the periods over their mean: more is no period
 MATTERS = 0.1  # of the oscillation: a trend that adds less over the whole span does not matter
 ROUNDING = 1e-12  # of the energy scale: changes over a whole run below that are rounding
 
@@ -69,8 +65,8 @@ def dissect(s: Series) -> Anatomy | None:
     t, e = s["t"], s["energy_error"]
     if not np.all(np.isfinite(e)):
         return None
-    marks = find_periods(t, s.select("obs_"))
-    if marks is None or len(marks) <= PERIODS:
+    marks = s[MARKS] if MARKS in s else find_periods(t, s.select("obs_"))
+    if len(marks) <= PERIODS:
         return None
     return split_error(t, e, marks)
 
@@ -91,31 +87,6 @@ def split_error(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks:
     at = np.searchsorted(t, marks)
     halves = [0.5 * np.ptp(level[a : b + 1]) for a, b in pairwise(at) if b > a]
     return Anatomy(blocks * size, span, float(np.median(halves)), found)
-
-
-def find_periods(
-    t: Float[np.ndarray, " nt"], observables: dict[str, Float[np.ndarray, " nt"]]
-) -> Float[np.ndarray, " n"] | None:
-    """Times at which the most regular observable rises through its middle; None if none has enough periods."""
-    moving = [a for _, a in sorted(observables.items()) if np.all(np.isfinite(a)) and np.ptp(a) > 0.0]
-    found = [(variation(np.diff(marks)), marks) for a in moving if len(marks := _find_rises(t, a)) > PERIODS]
-    uneven, best = min(found, key=lambda item: item[0], default=(math.inf, None))
-    return best if uneven <= UNEVEN else None
-
-
-def _find_rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Rises through the middle of the range, each between a visit to the lower and to the upper edge of a band."""
-    low, high = np.quantile(a, (0.02, 0.98))
-    middle, half = 0.5 * (low + high), 0.5 * BAND * (high - low)
-    side = np.where(a > middle + half, 1, np.where(a < middle - half, -1, 0))
-    seen = np.flatnonzero(side)
-    ups = np.flatnonzero((side[seen[:-1]] == -1) & (side[seen[1:]] == 1))
-    marks = []
-    for begin, end in zip(seen[ups], seen[ups + 1], strict=True):
-        k = begin + int(np.argmax(a[begin : end + 1] >= middle))  # the first at or above the middle
-        share = (middle - a[k - 1]) / (a[k] - a[k - 1])
-        marks.append(t[k - 1] + share * (t[k] - t[k - 1]))
-    return np.array(marks)
 
 
 def _integrate(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
