@@ -102,7 +102,7 @@ def _list_data(
             problem = _describe_problem(record, series)
             run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
             chosen, exact_ones, run["between"] = select_states(series)
-            chosen |= lossless
+            chosen = chosen | lossless
             exact_of.setdefault(name, _Exact(problem)).add(series, exact_ones | lossless)
             run["peaks_s"] = dict(series.peaks)
             if "state_reaction" in series and REACTION in series.peaks:

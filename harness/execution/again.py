@@ -69,8 +69,8 @@ def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> 
     if own != record.code:
         where = f"; check out {record.commit[:12]}" if record.commit else ""
         raise FileError(
-            f"{name_run(record)} keeps not every step, and cannot be solved again: it is of code {record.code}, here is "
-            f"{own}{where}, or run its suite again"
+            f"{name_run(record)} keeps not every step, and cannot be solved again: it is of code {record.code}, "
+            f"here is {own}{where}, or run its suite again"
         )
     there, here = _read_stamp(folder, record), environment.stamp("", "", 1, plugins)
     if not same_platform(there, here):

@@ -44,7 +44,7 @@ def series_of(
     lossless = lossless and len(m.t) * (nb * STATE_BYTES + problem.system.nrows * 8) <= LARGEST_STATES
     brief = keep is not None and not lossless
     peaks = find_peaks(m, literal_start=problem.literal_start)
-    steps = steps_to_keep(m, peaks, nb, every=lossless, even=not brief)
+    steps = steps_to_keep(m, peaks, nb, every=lossless)
     rows = np.union1d(rows_to_keep(len(m.t), m.energy_error, m.phi_norm), steps)
     span = float(np.linalg.norm(problem.system.joint_s_i, axis=1).max(initial=0.0)) or m.size.length
     span, near = (span / TURNED, TURNED * NEAR) if brief else (span, 0.0)

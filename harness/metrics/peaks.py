@@ -61,20 +61,15 @@ def _against_reference(m: Measured) -> Iterator[tuple[str, int]]:
             yield name, int(np.argmax(above))
 
 
-def steps_to_keep(
-    m: Measured, peaks: dict[str, int], nb: int, *, every: bool = False, even: bool = True
-) -> Int[np.ndarray, " ns"]:
-    """Steps whose states are kept: all, or ``peaks``, those that set scales, both ends and, if ``even``, some pairs."""
+def steps_to_keep(m: Measured, peaks: dict[str, int], nb: int, *, every: bool = False) -> Int[np.ndarray, " ns"]:
+    """Steps whose states are kept: every one, or ``peaks``, those that set scales, both ends, evenly picked pairs."""
     nt = len(m.t)
     if every:
         return np.arange(nt)
-    pairs = np.linspace(0, nt - 1, min(nt, EVEN, max(2, BODIES // max(nb, 1)))).round().astype(np.int64)
-    pairs = pairs if even else pairs[:0]
+    even = np.linspace(0, nt - 1, min(nt, EVEN, max(2, BODIES // max(nb, 1)))).round().astype(np.int64)
     of_sizes = [k for size in _sizes(m) for k in size.run_at]
     around = np.searchsorted(m.t, list(times_between(m).values()), side="right") - 1
-    kept = np.unique(
-        np.concatenate((pairs, pairs + 1, list(peaks.values()), of_sizes, around, around + 1, [0, nt - 1]))
-    )
+    kept = np.unique(np.concatenate((even, even + 1, list(peaks.values()), of_sizes, around, around + 1, [0, nt - 1])))
     return kept[(kept >= 0) & (kept < nt)].astype(np.int64)
 
 

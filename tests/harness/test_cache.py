@@ -1,24 +1,28 @@
 """Where computed things are kept: in the checkout, else where the user may write, never beside installed modules."""
 
 import os
+import re
 from pathlib import Path
 
 import pytest
 
 from mbsbench.harness import cache
+from mbsbench.harness.cache import ROOT
 
 
 @pytest.fixture
 def installed(tmp_path, monkeypatch) -> Path:
     """A package without ``pyproject.toml`` beside it; its user has a cache folder."""
+    monkeypatch.delenv(cache.CHOSEN, raising=False)
     monkeypatch.setattr(cache, "ROOT", tmp_path / "site-packages" / "mbsbench")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(cache.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
     return tmp_path
 
 
-def test_checkout_keeps_its_own(tmp_path):
+def test_checkout_keeps_its_own(tmp_path, monkeypatch):
     """These tests run in one: what it computes stays in it, for ``make clean`` to remove."""
+    monkeypatch.delenv(cache.CHOSEN, raising=False)
     assert cache.is_checkout()
     assert cache.cache_folder("references", tmp_path) == tmp_path / "references"
 
@@ -60,3 +64,25 @@ def test_folder_of_another_user_is_not_used(installed, monkeypatch):
     monkeypatch.setattr(cache.os, "getuid", lambda: 4711)
     found = cache.cache_folder("kernels", Path())
     assert "4711" not in str(found) and found.is_dir()
+
+
+def test_every_cache_is_listed_with_its_place():
+    """``clean`` and ``--version --verbose`` know the caches that modules ask for, where these have them."""
+    call = re.compile(r"cache_folder\(\s*\"(\w+)\"")
+    asked = {name for p in ROOT.rglob("*.py") if {"tests", ".venv"}.isdisjoint(p.relative_to(ROOT).parts)
+             for name in call.findall(p.read_text(encoding="utf-8"))}  # fmt: skip
+    assert asked == set(cache.IN_CHECKOUT)
+    from mbsbench.harness.reference import orbit
+    from mbsbench.solvers.formulations.generated import code
+
+    found = {c.name: c.folder.resolve() for c in cache.list_caches()}
+    assert found["references"] == orbit.FOLDER.resolve() and found["generated"] == code.FOLDER.resolve()
+
+
+def test_caches_are_listed_with_their_sizes(tmp_path, monkeypatch):
+    """All in the folder that the environment names."""
+    monkeypatch.setenv(cache.CHOSEN, str(tmp_path))
+    (tmp_path / "laws" / "deep").mkdir(parents=True)
+    (tmp_path / "laws" / "deep" / "kernel").write_bytes(b"12345")
+    found = {c.name: c for c in cache.list_caches()}
+    assert (found["laws"].folder, found["laws"].bytes, found["sources"].bytes) == (tmp_path / "laws", 5, 0)

@@ -12,16 +12,15 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.bundle import selection
 from mbsbench.harness.bundle.archive import MANIFEST, NAME, write_archive
 from mbsbench.harness.bundle.crate import METADATA
-from mbsbench.harness.bundle.selection import DECIDING, ERRORS
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.files import FileError
-from mbsbench.harness.results import store
+from mbsbench.harness.results import selection, store
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.selection import DECIDING, ERRORS
 from mbsbench.harness.results.series import read_series, write_series
 from mbsbench.harness.suites.spec import make_spec
 

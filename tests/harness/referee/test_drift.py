@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.metrics.thinning import rows_to_keep
 from mbsbench.harness.metrics.periods import find_periods
+from mbsbench.harness.metrics.thinning import rows_to_keep
 from mbsbench.harness.referee.certificates.drift import MATTERS, dissect, split_error
 from mbsbench.harness.referee.certificates.trend import FEWEST, fit_trend
 from mbsbench.harness.results.series import Series
