@@ -34,6 +34,7 @@ from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite, load_suite
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
+from .keeping import series_to_keep
 from .progress import run_watched, warn_of_own_bits
 from .terminal import console, error_console, plural, print_json
 
@@ -129,7 +130,8 @@ def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[
     with tempfile.TemporaryDirectory() as place:
         name = new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
-        loaded, _ = run_watched(Request(suite, folder, count_jobs(arguments.jobs)), quiet=arguments.json)
+        request = Request(suite, folder, count_jobs(arguments.jobs), keep=series_to_keep(suite))
+        loaded, _ = run_watched(request, quiet=arguments.json)
         return name, stamp_of(folder), loaded.records
 
 
