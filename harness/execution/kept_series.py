@@ -23,7 +23,7 @@ from ..types import Problem, Reference, Status, Trajectory
 SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
           "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
 TIMES = ("t", "dt")
-NEAR, TURNED = 0.01, 3.0  # of a body, as pages allow drawn poses to be off, and so many times of a radian
+NEAR, TURNED = 0.004, 3.0  # of a body, a pixel: how far off drawn poses of a brief file are; so many times of a radian
 TAIL = 121  # last rows of what becomes an envelope, of a run that stopped: the atlas of failures looks at them
 EXACT_FRAMES, FINE = 600, 6000  # poses of the exact motion that are kept, and those that they are chosen from
 DRAWING = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")  # of the system: what a drawing needs

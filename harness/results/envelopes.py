@@ -1,7 +1,8 @@
 """Envelopes: the least and the largest value of a series in each of equal spans of time.
 
-Values are kept as the upper bits of float32, rounded outwards: every value lies within, the least ones are low by
-1/2048 of their size at most and the largest ones as much too high.
+Values less a base are kept as the upper bits of float32, rounded outwards: every value lies within, and the envelope is
+wider by 1/2048 of the distance from the base at most. The base is 0, or the middle of values that lie close together,
+of which a drawing shows the differences.
 """
 
 from dataclasses import dataclass
@@ -22,16 +23,17 @@ class Envelope:
     begin: float  # [s]
     end: float  # [s]
     codes: Int[np.ndarray, "2 spans"]
+    base: float = 0.0
 
     @property
     def low(self) -> Float[np.ndarray, " spans"]:
         """No value of a span is below."""
-        return _decode(self.codes[0])
+        return self.base + _decode(self.codes[0])
 
     @property
     def high(self) -> Float[np.ndarray, " spans"]:
         """No value of a span is above."""
-        return _decode(self.codes[1])
+        return self.base + _decode(self.codes[1])
 
     @property
     def points(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
@@ -44,18 +46,25 @@ def envelope_of(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], spans:
     """The envelope of all finite values; ``t`` ascends."""
     begin, end = float(t[0]), float(t[-1])
     low, high = np.full(spans, np.nan), np.full(spans, np.nan)
-    good = np.flatnonzero(np.isfinite(a))
+    good, base = np.flatnonzero(np.isfinite(a)), 0.0
     if len(good):
         k = span_of(t[good], begin, end, spans)
         first = np.flatnonzero(np.diff(k, prepend=-1))  # rows of a span follow each other
         low[k[first]], high[k[first]] = np.minimum.reduceat(a[good], first), np.maximum.reduceat(a[good], first)
-    return Envelope(begin, end, np.stack((_encode(low, up=False), _encode(high, up=True))))
+        base = _find_base(float(np.nanmin(low)), float(np.nanmax(high)))
+    return Envelope(begin, end, np.stack((_encode(low - base, up=False), _encode(high - base, up=True))), base)
 
 
 def span_of(t: Float[np.ndarray, " n"], begin: float, end: float, spans: int) -> Int[np.ndarray, " n"]:
     """The span in which each time lies."""
     whole = max(end - begin, 1e-300)
     return np.minimum((spans * ((t - begin) / whole)).astype(np.int64), spans - 1)
+
+
+def _find_base(least: float, largest: float) -> float:
+    """The middle where all values are within half of it, so that differences from it are exact; else 0."""
+    middle = 0.5 * least + 0.5 * largest
+    return middle if largest - least < abs(middle) else 0.0
 
 
 def _encode(a: np.ndarray, *, up: bool) -> Int[np.ndarray, " n"]:

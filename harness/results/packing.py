@@ -31,7 +31,7 @@ def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], le
         out[f"{ENVELOPE}{name}"] = _apart(np.concatenate((np.diff(low, prepend=np.int32(0)), high - low)))
     if envelopes:
         some = next(iter(envelopes.values()))
-        out["env"] = np.array([some.begin, some.end])
+        out["env"] = np.array([some.begin, some.end, *(e.base for e in envelopes.values())])
     return out
 
 
@@ -43,16 +43,25 @@ def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelop
     for kind in DRAWN:
         if f"{PACKED}{kind}_q" in members:
             out |= _unpack_poses(kind, members)
-    envelopes = dict[str, Envelope]()
-    for name in (k for k in members if k.startswith(ENVELOPE)):
-        values = _together(members[name])
-        if members["env"].shape != (2,) or len(values) % 2:
-            raise ValueError(f"{name} is no envelope")
-        low, high = values.reshape(2, -1)
-        low = np.cumsum(low, dtype=np.int32)
-        begin, end = map(float, members["env"])
-        envelopes[name.removeprefix(ENVELOPE)] = Envelope(begin, end, np.stack((low, low + high)))
-    return out, envelopes
+    names = [k for k in members if k.startswith(ENVELOPE)]
+    about = members.get("env", np.zeros(2))
+    if about.shape != (2 + len(names),) or about.dtype != float:
+        raise ValueError(f"{len(names)} envelopes are described by numbers of shape {about.shape}")
+    begin, end, *bases = map(float, about)
+    coded = {name: _codes_of(members[name]) for name in names}
+    return out, {
+        name.removeprefix(ENVELOPE): Envelope(begin, end, codes, base)
+        for (name, codes), base in zip(coded.items(), bases, strict=True)
+    }
+
+
+def _codes_of(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
+    values = _together(packed)
+    if len(values) % 2:
+        raise ValueError(f"an envelope of {len(values)} numbers")
+    low, apart = values.reshape(2, -1)
+    low = np.cumsum(low, dtype=np.int32)
+    return np.stack((low, low + apart))
 
 
 def _sum_steps(start: np.ndarray, dt: np.ndarray) -> np.ndarray:
@@ -89,16 +98,18 @@ def _unpack_poses(kind: str, members: Mapping[str, np.ndarray]) -> Arrays:
 
 
 def _along(a: Int[np.ndarray, "n ..."]) -> np.ndarray:
-    """Differences along the first axis, one column after the other."""
+    """Second differences along the first axis, one column after the other: a path bends less than it moves."""
     flat = a.reshape(len(a), -1)
-    return _apart(np.diff(flat, axis=0, prepend=np.zeros_like(flat[:1])).T.ravel())
+    zeros = np.zeros_like(flat[:1])
+    return _apart(np.diff(np.concatenate((zeros, zeros, flat)), n=2, axis=0).T.ravel())
 
 
 def _along_back(packed: np.ndarray, shape: tuple[int, ...]) -> Int[np.ndarray, "n ..."]:
     values = _together(packed)
     if min(shape) < 1 or len(values) != np.prod(shape):
         raise ValueError(f"{len(values)} numbers of poses where the shape is {shape}")
-    return np.cumsum(values.reshape(-1, shape[0]), axis=1, dtype=np.int32).T.reshape(shape)
+    once = np.cumsum(values.reshape(-1, shape[0]), axis=1, dtype=np.int32)
+    return np.cumsum(once, axis=1, dtype=np.int32).T.reshape(shape)
 
 
 def _apart(a: Int[np.ndarray, " n"]) -> np.ndarray:

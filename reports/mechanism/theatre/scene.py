@@ -103,7 +103,7 @@ def scene(
     stage = _reach(sound, shapes, ground)
     box = stage.widen(0.75)  # players that fly apart stay at its walls
     long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
-    spans = SPANS if long else SPANS // 3
+    spans = SPANS if long else SPANS // 2
     at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
     ranked = by_solver(p.run for p in (*cast_, *more)).values()  # from a solver's second on: thinner, other dashes
     rank = {run.record.run_id: k for own in ranked for k, run in enumerate(own)}

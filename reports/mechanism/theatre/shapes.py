@@ -22,7 +22,7 @@ from .poses import Poses, rates
 SPINS = 2.0  # a top turns about its axis at least so much faster than across
 AXES = np.eye(3)
 EVENTS = 200  # of a run; the first ones; the page says that there are more
-SPANS = 1200  # a strip is about 500 pixels wide, and can be stretched
+SPANS = 720  # a strip is about 500 pixels wide; as many as an envelope has
 STRIPS: Sequence[Mapping[str, Any]] = (  # ``signed``: it has a sign, ``both``: its smallest values matter too
     {"name": "energy_error", "symbol": "E − E₀", "unit": "J", "signed": True, "both": True},
     {"name": "position_error", "symbol": "|r − r exact|", "unit": "m", "signed": False, "both": False},
