@@ -16,6 +16,7 @@ from ..metrics.reactions import largest_joint_force
 from ..metrics.thinning import frames_to_keep, rows_to_keep
 from ..reference.computation import ComputedReference, Source, reference_of, source_of
 from ..results.envelopes import FEW, envelope_of
+from ..results.packing import FINE
 from ..results.selection import leave_out_states
 from ..results.series import LARGEST, LAST, MARKS, Series
 from ..types import Problem, Reference, Status, Trajectory
@@ -23,9 +24,9 @@ from ..types import Problem, Reference, Status, Trajectory
 SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
           "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
 TIMES = ("t", "dt")
-NEAR, TURNED = 0.004, 3.0  # of a body, a pixel: how far off drawn poses of a brief file are; so many times of a radian
+NEAR, TURNED = 0.005, 3.0  # of a body, a pixel: how far off drawn poses of a brief file are; so many times of a radian
 TAIL = 121  # last rows of what becomes an envelope, of a run that stopped: the atlas of failures looks at them
-EXACT_FRAMES, FINE = 600, 6000  # poses of the exact motion that are kept, and those that they are chosen from
+EXACT_FRAMES = 600  # poses of the exact motion that are kept
 DRAWING = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")  # of the system: what a drawing needs
 STATE = ("r", "R", "v", "Omega")
 STATE_BYTES, LARGEST_STATES = 288, LARGEST // 2  # of a body, with that of the exact motion; of a file

@@ -1,7 +1,7 @@
 """Envelopes: the least and the largest value of a series in each of equal spans of time.
 
 Values less a base are kept as the upper bits of float32, rounded outwards: every value lies within, and the envelope is
-wider by 1/2048 of the distance from the base at most. The base is 0, or the middle of values that lie close together,
+wider by 1/1024 of the distance from the base at most. The base is 0, or the middle of values that lie close together,
 of which a drawing shows the differences.
 """
 
@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 SPANS = 720  # a multiple of the 240, 180, 80 and 60 spans that curves have; 1/720 of a picture's width is a pixel
 FEW = SPANS // 2  # rows that take no more room than the envelope of as many spans
-LEFT_OUT = 12  # of the 23 bits of mantissa that float32 has
+LEFT_OUT = 13  # of the 23 bits of mantissa that float32 has
 SIZE = np.int32(0x7FFFFFFF)  # all bits but the sign
 
 

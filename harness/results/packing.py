@@ -12,20 +12,27 @@ from .envelopes import Envelope
 
 Arrays = dict[str, np.ndarray]
 DRAWN = ("frame", "exact")  # poses
-GRID = 2e-4  # of the length of the motion: a step of positions, a tenth of a pixel of a picture
-TURNS = 4095  # steps of a quaternion's components from 0 to 1
+GRID = 4e-4  # of the length of the motion: a step of positions, a fifth of a pixel of a picture
+TURNS = 2047  # steps of a quaternion's components from 0 to 1
 FAR = 2**30  # [steps] a motion that went farther keeps its positions as float32
+FINE = 6000  # even times that those of the exact motion are chosen from
 PACKED, ENVELOPE = "packed_", "env_"
 
 
 def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], length: float) -> Arrays:
     """The members of a file; ``length`` [m] of the motion."""
-    out = dict(arrays)
+    out, t = dict(arrays), arrays["t"]
     if np.array_equal(_sum_steps(out["t"][:1], out["dt"]), out["t"]):
         out["t"] = out["t"][:1]
     for kind in DRAWN:
         if f"{kind}_r" in out:
             out |= _pack_poses(kind, out.pop(f"{kind}_r"), out.pop(f"{kind}_q"), length)
+            times = out[f"{kind}_t"]
+            grid = t if kind == "frame" else np.linspace(times[0], times[-1], FINE)
+            rows = np.minimum(np.searchsorted(grid, times), len(grid) - 1)
+            if np.array_equal(grid[rows], times):
+                out[f"{kind}_t"] = times[[0, -1]]
+                out[f"{PACKED}{kind}_rows"] = _along(rows.astype(np.int32))
     for name, e in envelopes.items():
         low, high = e.codes
         out[f"{ENVELOPE}{name}"] = _apart(np.concatenate((np.diff(low, prepend=np.int32(0)), high - low)))
@@ -43,6 +50,13 @@ def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelop
     for kind in DRAWN:
         if f"{PACKED}{kind}_q" in members:
             out |= _unpack_poses(kind, members)
+        if f"{PACKED}{kind}_rows" in members:
+            ends, packed = out[f"{kind}_t"], members[f"{PACKED}{kind}_rows"]
+            grid = out["t"] if kind == "frame" else np.linspace(ends[0], ends[-1], FINE)
+            rows = _along_back(packed, (packed.size // 4,))
+            if rows.min() < 0 or rows.max() >= len(grid):
+                raise ValueError(f"{kind}_t has rows beyond {len(grid)} times")
+            out[f"{kind}_t"] = grid[rows]
     names = [k for k in members if k.startswith(ENVELOPE)]
     about = members.get("env", np.zeros(2))
     if about.shape != (2 + len(names),) or about.dtype != float:

@@ -80,14 +80,14 @@ def test_each_envelope_contains_each_step(pairs):
 
 
 def test_poses_are_as_near_as_pages_allow(pairs):
-    """Between the poses kept, the bodies of the full file are at most 0.004 of a body off, and 0.012 rad."""
+    """Between the poses kept, the bodies of the full file are at most 0.005 of a body off, and 0.015 rad."""
     from mbsbench.reports.mechanism.theatre.poses import Poses, _apart, interpolate_poses
 
     for _, whole, series in pairs:
         ours, theirs = (Poses(s["frame_t"], s["frame_r"].astype(float), s["frame_q"]) for s in (series, whole))
         span = np.linalg.norm(whole["joint_s_i"], axis=1).max()
         distance, angle = _apart(interpolate_poses(ours, theirs.t), theirs)
-        assert np.max(distance) < 0.008 * span + series.length * 2e-4 and np.max(angle) < 0.012
+        assert np.max(distance) < 0.01 * span + series.length * 4e-4 and np.max(angle) < 0.015
 
 
 def test_a_bundle_is_the_same_from_either_file(full, brief):
