@@ -11,6 +11,7 @@
 
 import contextlib
 import hashlib
+from collections.abc import Collection
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -146,7 +147,7 @@ def _equations(
 ) -> Equations:
     """LostRank where a pivot at y is not safe beside the size of its row at the start, or as many rows do not hold."""
     from . import loops
-    from .elimination import find_order, sizes
+    from .elimination import sizes
     from .motion import Motion
 
     motion = Motion(system, tree, t, y, opened=opened)
@@ -157,15 +158,32 @@ def _equations(
         for u, entry in row.J.items():
             K[k][u] = K[u][k] = entry
     numbers = _drop_rounding(_evaluate(K, t, y, tree.start), n)
-    order = find_order(numbers, n)
+    order = order_rows(numbers, tree.nu, len(held))
     if at is not None:
         size, kept = sizes(numbers, n), len(order.rows)
-        order = find_order(_drop_rounding(_evaluate(K, t, y, at), n), n)
+        order = order_rows(_drop_rounding(_evaluate(K, t, y, at), n), tree.nu, len(held))
         largest = max(size[n:], default=0.0)
         pairs = [(abs(pivot), size[k] or largest) for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n]
         if len(order.rows) != kept or any(pivot < AGAIN * of for pivot, of in pairs):
             raise LostRank
     return Equations(motion, K, n + len(held), rows, order)
+
+
+def order_rows(numbers: "Matrix", nu: int, held: int) -> "Order":
+    """The order at numbers, with rows that close loops behind all others unless that takes more products.
+
+    Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is behind the velocity it alone takes
+    away: before, its pivot is of the parent's turns alone and vanishes in some orientations. Behind it no pivot does.
+    """
+    from .elimination import find_order
+
+    n, first = nu + held, nu + 2 * held
+    behind: dict[int, Collection[int]] = {k: (k - held,) for k in range(n, first)}
+    last = find_order(numbers, n, {**behind, **dict.fromkeys(range(first, len(numbers)), range(first))}, first)
+    if first == len(numbers):
+        return last
+    mixed = find_order(numbers, n, behind)
+    return mixed if mixed.products < last.products else last
 
 
 def _functions(

@@ -1,10 +1,11 @@
 """K = [[H, J^T], [J, 0]] = L D L^T by scalars, in an order found once, at numbers.
 
 Of the rows and columns whose pivots are safe there, the one with the fewest neighbours is eliminated first; rows that
-are left without pivot depend on the others and are left out.
+are left without pivot depend on the others and are left out. A row behind all velocities has a pivot of J H^-1 J^T,
+which vanishes nowhere but where the rank changes; ahead of one that moves it, it may vanish in any position.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -27,23 +28,32 @@ class Order(NamedTuple):
     products: int
 
 
-def find_order(K: Matrix, nu: int) -> Order:
-    """The order at numbers; the first ``nu`` rows are H's. NoInertia where H is singular."""
+def find_order(K: Matrix, nu: int, behind: Mapping[int, Collection[int]] | None = None, sure: int = 0) -> Order:
+    """The order at numbers; the first ``nu`` rows are H's, and rows come ``behind`` others. NoInertia: singular H.
+
+    The first ``sure`` rows have safe pivots in such an order wherever the mechanism is.
+    """
     size = sizes(K, nu)
     K = {k: dict(column) for k, column in K.items()}
     order, pivots, products = list[int](), list[float](), 0
     largest = max(size[nu:], default=0.0)
     left = {k for k in K if k < nu or size[k] > DEPENDENT**2 * largest}
+    waits = {k: left.intersection(others) for k, others in (behind or {}).items()}
     while left:
-        safety = {k: abs(K[k].get(k, 0.0)) / size[k] if size[k] > 0.0 else 0.0 for k in left}
-        safe = [k for k in left if safety[k] > SAFE]
-        k = min(safe, key=lambda x: (len(K[x]), -safety[x])) if safe else max(left, key=safety.__getitem__)
+        free = [k for k in left if not waits.get(k)]
+        safety = {k: abs(K[k].get(k, 0.0)) / size[k] if size[k] > 0.0 else 0.0 for k in free}
+        safe = [k for k in free if k < sure or safety[k] > SAFE]
+        fewest = min((len(K[k]) for k in safe), default=0)
+        rank = {k: _fill(K, k) if k < sure else -safety[k] for k in safe if len(K[k]) == fewest}
+        k = min(rank, key=rank.__getitem__) if safe else max(free, key=safety.__getitem__)
         if not safety[k] > DEPENDENT:
             break
         order.append(k)
         pivots.append(K[k][k])
         products += len(K[k]) * (len(K[k]) - 1) // 2
         left.remove(k)
+        for others in waits.values():
+            others.discard(k)
         _eliminate(K, k)
     if any(k < nu for k in left):
         raise NoInertia
@@ -54,6 +64,11 @@ def sizes(K: Matrix, nu: int) -> list[float]:
     """The diagonal of H, then that of J H^-1 J^T without couplings."""
     size = [K[k].get(k, 0.0) for k in range(nu)]
     return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
+
+
+def _fill(K: Matrix, k: int) -> int:
+    """Entries that are zero until ``k`` is eliminated."""
+    return sum(b not in K[a] for a in K[k] for b in K[k] if k not in (a, b))
 
 
 def _eliminate(K: Matrix, k: int) -> None:

@@ -33,7 +33,18 @@ from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
 from ..rows.kept_code import texts_of_makers
-from .code import MOST_OPERATIONS, _column, _digest, _evaluate, _normalise, _own_text, _parts, choose_order, too_large
+from .code import (
+    MOST_OPERATIONS,
+    _column,
+    _digest,
+    _evaluate,
+    _normalise,
+    _own_text,
+    _parts,
+    choose_order,
+    order_rows,
+    too_large,
+)
 from .tree import Limb, Tree, snap
 
 if TYPE_CHECKING:
@@ -88,7 +99,7 @@ def _functions(
     import casadi as ca
 
     from ..generated import Straight
-    from .elimination import Factor, find_order
+    from .elimination import Factor
     from .motion import Motion
     from .spins import find_spins
 
@@ -102,12 +113,10 @@ def _functions(
         spin.add_inertia(found.K, found.motion)
     first, kept = found.first, sorted(k for k in found.order.rows if k >= found.first)
     rows = [found.rows[k - first] for k in kept]
-    opened = 3 * len(found.motion.opened)
-    whole = Factor(found.K, _order_safely(found.order.rows, first, opened))
+    whole = Factor(found.K, found.order.rows)
     H = {k: {row: entry for row, entry in found.K[k].items() if row < first} for k in range(first)}
     at_start = _evaluate(H, t, y, tree.start)
-    here = at_start if at is None else _evaluate(H, t, y, at)
-    of_tree = Factor(H, _order_safely(find_order(here, nu + opened).rows, first, opened))
+    of_tree = Factor(H, order_rows(at_start, nu, 3 * len(found.motion.opened)).rows)
 
     moving, resting = (Motion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
     energy = _kinetic_energy(moving)
@@ -164,17 +173,6 @@ def _functions(
         "close": Straight([t, q, p], [held, mu]),
     }
     return functions, lam.numel(), L.numel()
-
-
-def _order_safely(order: list[int], first: int, opened: int) -> list[int]:
-    """The order with each row that holds an opened ball, before ``first``, behind the velocity it alone takes away.
-
-    Before that velocity its pivot is of the parent's turns alone and vanishes in some orientations. Behind it no pivot
-    does: the rows are triangular in those velocities.
-    """
-    place = {k: n for n, k in enumerate(order)}
-    behind = {k: place[k - opened] for k in range(first - opened, first)}
-    return sorted(order, key=lambda k: (max(place[k], behind.get(k, 0)), k))
 
 
 def _kinetic_energy(motion: "Motion") -> "ca.SX":
