@@ -16,7 +16,6 @@ from ...solvers.formulations.generated import Code
 from ...solvers.formulations.generated.code import print_functions
 from ...solvers.formulations.joint_coordinates import code as joint_code
 from ...solvers.formulations.joint_coordinates.tree import Tree
-from ...solvers.formulations.rows.kept_code import texts_of_makers
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from .lanes import LANES, in_lanes, one_by_one, side_by_side
@@ -35,7 +34,7 @@ class Equations:
         joint_code.make_code(system, tree)  # its refusals
         self.system, self.tree = system, tree
         self.ny, self.nu = tree.nq + tree.nu, tree.nu
-        key = f"shadow {VERSION}\0{texts_of_makers()}\0{joint_code._own_text()}\0{joint_code._digest(system, tree)}"
+        key = f"shadow {VERSION}\0{joint_code.key_of(system, tree)}"
         self._code = Code(lambda: _print(_functions(system, tree)), key)
         self._functions = {name: self._code.function(name, n) for name, n in ARGUMENTS.items()}
         about = np.zeros(1)
@@ -100,12 +99,12 @@ def _functions(system: MultibodySystem, tree: Tree) -> "dict[str, Loop]":
 
     from ...solvers.formulations.generated import Loop
 
-    functions, _, _ = joint_code._functions(system, tree)
-    rate, finish, record = (functions[name] for name in ("accelerate", "finish", "record"))
-    t, y = rate.inputs
+    t, y = ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu)
+    found = joint_code._equations(system, tree, t, y, [])
+    parts = joint_code.Parts(system, tree, joint_code.choose_order(system, tree, t, y))
+    rate, finish, record = parts.accelerate(), parts.finish(), parts.functions["record"]
     dy, x = ca.SX.sym("dy", y.numel()), ca.SX.sym("x", 1 + y.numel())
     along = ca.substitute(ca.jtimes(rate.outputs[0], y, dy), ca.vertcat(t, y), x)
-    found = joint_code._equations(system, tree, t, y, [])
     rows = [found.rows[k - found.first] for k in sorted(found.order.rows) if k >= found.first]
     equations = [e for row in rows for e in (row.phi, row.rate) if not e.is_zero()]  # rows of velocities have no phi
     nu = tree.nu

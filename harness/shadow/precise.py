@@ -50,8 +50,9 @@ class PreciseFlow:
 
         tree = spanning_tree(system, start)
         joint_code.make_code(system, tree)  # its refusals
-        functions, _, self.rows = joint_code._functions(system, tree)
-        rate, finish, record = (functions[name] for name in ("accelerate", "finish", "record"))
+        found = joint_code.find_equations(system, tree, joint_code.key_of(system, tree))
+        parts, self.rows = joint_code.Parts(system, tree, found), len(found.rows)
+        rate, finish, record = parts.accelerate(), parts.finish(), parts.functions["record"]
         self.tolerance = TOLERANCE[bits] if tolerance is None else tolerance
         self.order = math.ceil(1.0 - 0.5 * math.log(self.tolerance))
         still = [ca.SX.zeros(k.numel()) for k in record.inputs[2:]]

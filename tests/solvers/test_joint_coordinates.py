@@ -1,6 +1,7 @@
 """Code of a mechanism in joint coordinates: the judge's accelerations, orders, symmetries, and no wrong success."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,9 +13,12 @@ from mbsbench.harness.mechanics.motion import constraint, constraint_rate, kinet
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.joint_coordinates import code, marching
-from mbsbench.solvers.formulations.joint_coordinates.code import make_code
+from mbsbench.solvers.formulations.joint_coordinates.code import JointCode, make_code
 from mbsbench.solvers.formulations.joint_coordinates.counting import least_operations
+from mbsbench.solvers.formulations.joint_coordinates.elimination import Order
+from mbsbench.solvers.formulations.joint_coordinates.evaluation import Evaluation
 from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, spanning_tree
 
 from .arbitrary_joints import KINDS, MOVING, all_joints, moving_rows, one_joint
@@ -32,7 +36,9 @@ def solve(problem: Problem, rtol: float, solver: str = "dop853_joint") -> Trajec
     return out
 
 
-def check_accelerations(system: MultibodySystem, start: State, *, seed: int = 0) -> None:
+def check_accelerations(
+    system: MultibodySystem, start: State, *, seed: int = 0, chosen: Callable[[JointCode], Order] | None = None
+) -> None:
     """Those of the code, at coordinates and velocities away from the start, against the judge's."""
     random, tree = np.random.default_rng(seed), spanning_tree(system, start)
     made = make_code(system, tree)
@@ -42,14 +48,13 @@ def check_accelerations(system: MultibodySystem, start: State, *, seed: int = 0)
     r, R, v, v_dot = np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6))
     reaction = np.zeros(system.nrows)
 
-    def call(name: str, *arrays: np.ndarray) -> None:
-        made.code.function(name, len(arrays))(*(a.ctypes.data for a in arrays))
-
+    evaluation = Evaluation(made, tree.nq, chosen(made) if chosen else None)
+    finish = evaluation.finish(t, y, after, y_dot, lam, guard)
     for _ in range(12):  # onto the loops
-        call("finish", t, y, after, y_dot, lam, guard)
+        finish.run()
         y[:] = after
-    call("finish", t, y, after, y_dot, lam, guard)
-    call("record", t, y, y_dot, lam, r, R, v, v_dot, reaction)
+    finish.run()
+    Program(evaluation.step("record", t, y, y_dot, lam, r, R, v, v_dot, reaction)).run()
     state = State(r, R, v[:, :3].copy(), v[:, 3:].copy(), float(t[0]))
     for rows, rounding in zip((constraint, constraint_rate), rounding_of_rows(state), strict=True):
         assert (

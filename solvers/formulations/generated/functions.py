@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
@@ -11,10 +12,18 @@ from .tape import Tape, record
 
 @dataclass(frozen=True)
 class Straight:
-    """``void f(double* inputs..., double* outputs...)``: one array for each expression; matrices by columns."""
+    """``void f(double* inputs..., double* outputs...)``: one array for each expression; matrices by columns.
+
+    Outputs must not overlap inputs, nor each other.
+    """
 
     inputs: Sequence[ca.SX]
     outputs: Sequence[ca.SX]
+
+    @cached_property
+    def recorded(self) -> "Recorded":
+        """The operations of ``record_function``."""
+        return _record_arrays([("whole", x) for x in self.inputs], [("whole", x) for x in self.outputs])
 
 
 @dataclass(frozen=True)
@@ -53,15 +62,22 @@ class Recorded(NamedTuple):
     outputs: list[Array]
     results: list[list[int]]  # numbers on the tape, one list an output
 
+    def count_operations(self) -> int:
+        """Return how many operations are no constants and no inputs."""
+        return sum(operation.name not in ("constant", "input") for operation in self.tape.operations)
+
 
 def record_function(function: Straight | Loop) -> Recorded:
     """The operations of ``function``; ValueError on inputs that are not dense symbols."""
     if isinstance(function, Straight):
-        inputs = [("whole", x) for x in function.inputs]
-        outputs = [("whole", x) for x in function.outputs]
-    else:
-        inputs = [(how, x) for how in ("whole", "rows", "gathered", "blocks") for x in getattr(function, how)]
-        outputs = [(how, x) for how in ("stored", "added", "added_blocks") for x in getattr(function, how)]
+        return function.recorded
+    return _record_arrays(
+        [(how, x) for how in ("whole", "rows", "gathered", "blocks") for x in getattr(function, how)],
+        [(how, x) for how in ("stored", "added", "added_blocks") for x in getattr(function, how)],
+    )
+
+
+def _record_arrays(inputs: list[tuple[str, ca.SX]], outputs: list[tuple[str, ca.SX]]) -> Recorded:
     made = ca.Function("f", [x for _, x in inputs], [ca.densify(x) for _, x in outputs])
     tape = Tape()
     numbers = [[tape.input(k, place) for place in range(x.numel())] for k, (_, x) in enumerate(inputs)]

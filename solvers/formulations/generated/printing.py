@@ -32,6 +32,9 @@ def print_module(functions: dict[str, Straight | Loop]) -> str:
     return "\n".join([*(f"declare double {callee}" for callee in callees), *lines, ""])
 
 
+Result = tuple[int, int, int]  # output, place in it, number on the tape
+
+
 class _Printer:
     """One function and its parts."""
 
@@ -40,7 +43,9 @@ class _Printer:
         self._operations = recorded.tape.operations
         live = find_needed(recorded.tape, [number for result in recorded.results for number in result])
         self._live = [k for k in live if self._operations[k].name not in ("constant", "input")]
-        self._defined = set(self._live)
+        defined = set(self._live)
+        self._results = [(k, at, number) for k, of in enumerate(recorded.results) for at, number in enumerate(of)]
+        self._given = [result for result in self._results if result[2] not in defined]  # constants and inputs
         self._reads = Counter(x for k in self._live for x in self._operations[k][1:])
         self._reads.update(number for result in recorded.results for number in result)
         self._slots: dict[int, int] = {}  # place of a number in the array between parts
@@ -48,17 +53,20 @@ class _Printer:
     def function(self) -> list[str]:
         cuts = range(0, max(1, len(self._live)), PART)
         parts = [self._live[start : start + PART] for start in cuts]
+        given = [self._given[start : start + PART] for start in range(0, max(1, len(self._given)), PART)]
+        if max(len(parts), len(given)) > 1:
+            parts, given = [*parts, *([] for _ in given)], [*([] for _ in parts), *given]
         lines: list[str] = []
         calls: list[str] = []
         if len(parts) == 1:
-            calls = list(self._body(parts[0], last=True))
+            calls = list(self._body(parts[0], given[0]))
         else:
             self._find_slots(parts)
-            for k, part in enumerate(parts):
+            for k, (part, rest) in enumerate(zip(parts, given, strict=True)):
                 lines += [
-                    f'define internal void @"{self._name}.{k}"({self._arguments()}, i64 %e, ptr %slots) noinline {{'
+                    f'define internal void @"{self._name}.{k}"({self._parameters()}, i64 %e, ptr %slots) noinline {{'
                 ]
-                lines += [*self._body(part, last=k == len(parts) - 1), "  ret void", "}"]
+                lines += [*self._body(part, rest), "  ret void", "}"]
                 calls.append(f'  call void @"{self._name}.{k}"({self._arguments()}, i64 %e, ptr %slots)')
         return [*lines, *self._entry(calls)]
 
@@ -67,7 +75,7 @@ class _Printer:
         slots = [f"  %slots = alloca double, i64 {max(len(self._slots), 1)}"] if shared else []
         if not self._loops:
             calls = [line.replace("i64 %e", "i64 0") for line in calls]
-            yield from (f'define void @"{self._name}"({self._arguments()}) {{', *slots, *calls, "  ret void", "}")
+            yield from (f'define void @"{self._name}"({self._parameters()}) {{', *slots, *calls, "  ret void", "}")
             return
         separator = ", " if self._arguments() else ""
         yield from (
@@ -91,6 +99,10 @@ class _Printer:
                 names.append(f"ptr %{name}.at")
         return ", ".join(names)
 
+    def _parameters(self) -> str:
+        """The arguments as they are declared: arrays of straight functions do not overlap, which spares LLVM half."""
+        return self._arguments() if self._loops else self._arguments().replace("ptr", "ptr noalias")
+
     def _find_slots(self, parts: list[list[int]]) -> None:
         """Numbers that a later part reads."""
         at = {number: k for k, part in enumerate(parts) for number in part}
@@ -112,8 +124,8 @@ class _Printer:
                     out[number] = products[0]
         return out
 
-    def _body(self, part: list[int], *, last: bool) -> Iterator[str]:
-        """The operations of ``part``, then what it hands over and its results; those that are no operations at last."""
+    def _body(self, part: list[int], given: list[Result]) -> Iterator[str]:
+        """The operations of ``part``, then what it hands over and its results, and those ``given``."""
         body = _Body(self._recorded, self._slots, self._callees, self._find_fused(part))
         for number in part:
             body.write_operation(number)
@@ -122,10 +134,8 @@ class _Printer:
             if number in self._slots:
                 place = body.point("slots", str(self._slots[number]))
                 body.write(f"store double {body.name(number)}, ptr {place}")
-        for output, result in enumerate(self._recorded.results):
-            for at, number in enumerate(result):
-                if number in own or (last and number not in self._defined):
-                    body.write_result(output, at, number)
+        for result in (*(result for result in self._results if result[2] in own), *given):
+            body.write_result(*result)
         return iter(body.lines)
 
 

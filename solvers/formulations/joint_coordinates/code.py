@@ -1,17 +1,20 @@
 """Machine code of a mechanism in joint coordinates, kept on disk under its numbers: kept code needs no CasADi.
 
-    accelerate(t, y) -> y_dot, least
+With K = [[H, J^T], [J, 0]], its entries in one array, that of an elimination L, and b velocities' loads and rows':
+
+    entries(t, y) -> K, b, q_dot          factor(K) -> L, least                solve(L, b) -> u_dot, lam
+    gaps(t, y) -> b                       move(t, y, step) -> q, b, phi        conclude(y, q, step) -> y, q_dot
+    accelerate(t, y) -> y_dot, least      all of the first line, of small mechanisms
+    step(given, start, first slope) -> y, error, least: their stages in one
     measure(given, start, y, sums) -> error; given are t, h, rtol
-    step(given, start, first slope) -> y, error, least: the stages of small mechanisms in one
-    finish(t, y) -> y, y_dot, lam, guard: y projected onto its loops, accelerations at what came in
     record(t, y, y_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints, as the system has them
 
-``least`` is the least pivot over its value at the start; ``guard`` has it and the largest phi of rows left out.
+``factor`` and ``solve`` are in the order of elimination that is found at the start. Where others are needed, they are
+lists (module ``pivots``): nothing is made anew. ``least`` is the least pivot over its value where the order was found.
+y is projected onto its loops by ``gaps``, ``move`` and ``conclude``, with the factor of what came in.
 """
 
-import contextlib
 import hashlib
-from collections.abc import Collection
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -25,19 +28,19 @@ from ....harness.mechanics.system import GROUND, MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
 from ..rows.kept_code import texts_of_makers
+from .elimination import Factor, Matrix, NoInertia, Order
+from .pivots import Pattern, order_rows
 from .tree import Tree
 
 if TYPE_CHECKING:
     import casadi as ca
 
     from ..generated import Straight
-    from .elimination import Matrix, Order
     from .loops import Row
     from .motion import Motion
 
 MOST_OPERATIONS = 30_000
-AGAIN = 0.03  # of its size at the start: a pivot of an order found later
-ROUNDING = 1e-9  # of entries of rows, whose largest are 1 where a joint holds anything
+ACCELERATION = "entries", "factor", "solve"
 SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are written out
 
 
@@ -45,17 +48,20 @@ MOST_LOADED = 8  # codes that a process keeps: the last ones
 _LOADED: dict[str, Code] = {}
 
 
-class LostRank(ValueError):
-    """No order of elimination has safe pivots."""
-
-
 class JointCode(NamedTuple):
-    """The code of a mechanism; rows of its loops that hold, and how many there are."""
+    """The code of a mechanism, K's pattern, the order of its elimination, and sizes."""
 
     code: Code
-    kept: int
-    rows: int
-    operations: int  # of ``accelerate``
+    pattern: Pattern
+    order: Order
+    rows: int  # of its loops
+    operations: int  # of accelerations
+    entries: int  # of L
+
+    @property
+    def kept(self) -> int:
+        """Return how many rows of the loops hold."""
+        return sum(k >= self.pattern.first for k in self.order.rows)
 
     @property
     def is_small(self) -> bool:
@@ -64,25 +70,41 @@ class JointCode(NamedTuple):
 
 
 @making_code
-def make_code(system: MultibodySystem, tree: Tree, at: np.ndarray | None = None) -> JointCode:
-    """Made, or loaded; ValueError where none can be made. Its order of elimination is found at y, or at the start."""
-    key = f"{texts_of_makers()}\0{_own_text()}\0{_digest(system, tree, at)}"
-    code = _LOADED.pop(key, None) or Code(lambda: _print(system, tree, at), key)
-    _LOADED[key] = code
+def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
+    """Made, or loaded; ValueError where none can be made. Its order of elimination is found at the start."""
+    key = key_of(system, tree)
+    made = _LOADED.pop(key, None) or _load(Code(lambda: _print(system, tree, key), key))
+    _LOADED[key] = made
     if len(_LOADED) > MOST_LOADED:
         del _LOADED[next(iter(_LOADED))]
-    about = np.zeros(3)
-    code.function("about", 1)(about.ctypes.data)
-    kept, rows, operations = (int(x) for x in about)
-    if operations == 0:
-        raise LostRank("no order of elimination has safe pivots")
-    if operations < 0:
+    if made.operations < 0:
         raise ValueError("needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853")
-    if operations > MOST_OPERATIONS:
-        raise ValueError(too_large(operations))
-    if kept < rows and not system.is_holonomic:
+    if made.operations > MOST_OPERATIONS:
+        raise ValueError(too_large(made.operations))
+    if made.kept < made.rows and not system.is_holonomic:
         raise ValueError("leaves out rows that depend on others, and not every row has a phi to watch: use rkmk_dop853")
-    return JointCode(code, kept, rows, operations)
+    return made
+
+
+def key_of(system: MultibodySystem, tree: Tree) -> str:
+    """Return what code of a mechanism is kept under."""
+    return f"{texts_of_makers()}\0{_own_text()}\0{_digest(system, tree)}"
+
+
+ABOUT = "operations", "rows", "entries", "pairs", "variable", "ordered", "nu", "held"
+
+
+def _load(code: Code) -> JointCode:
+    """Read what the code says about itself."""
+    numbers = np.zeros(len(ABOUT))
+    code.function("about", 1)(numbers.ctypes.data)
+    about = dict(zip(ABOUT, numbers.astype(int).tolist(), strict=True))
+    pairs, constants = np.zeros((about["pairs"], 2)), np.zeros(about["pairs"] - about["variable"])
+    rows, pivots = np.zeros((2, about["ordered"]))
+    code.function("pattern", 4)(*(a.ctypes.data for a in (pairs, constants, rows, pivots)))
+    pattern = Pattern(pairs.astype(np.int64), constants, about["nu"], about["held"], about["rows"])
+    order = Order(rows.astype(int).tolist(), pivots.tolist(), 0)
+    return JointCode(code, pattern, order, about["rows"], about["operations"], about["entries"])
 
 
 def too_large(operations: int) -> str:
@@ -93,61 +115,71 @@ def too_large(operations: int) -> str:
     )
 
 
-def _print(system: MultibodySystem, tree: Tree, at: np.ndarray | None) -> str:
-    """IR of the functions, and of ``about``: rows kept, all rows, operations; alone, where they are too large."""
+def _print(system: MultibodySystem, tree: Tree, key: str) -> str:
+    """IR of the functions, and of what they are; that alone, where they are too large."""
     import casadi as ca
 
     from ..generated.functions import Straight, record_function
-    from .elimination import NoInertia
     from .stages import write_step
 
-    def about(kept: int, rows: int, operations: int) -> "dict[str, Any]":
-        return {"about": Straight([], [ca.vertcat(kept, rows, operations)])}
+    def tell(operations: int, parts: "Parts | None" = None) -> "dict[str, Straight]":
+        about = (operations, *parts.sizes) if parts else (operations, *(0 for _ in ABOUT[1:]))
+        what = parts.tables if parts else [ca.SX(0, 1)] * 4
+        return {"about": Straight([], [ca.vertcat(*about)]), "pattern": Straight([], what)}
 
     try:
-        functions, kept, rows = _functions(system, tree, at)
+        parts = Parts(system, tree, find_equations(system, tree, key))
     except NoInertia:
-        return print_functions(about(0, 0, -1))
-    except LostRank:
-        return print_functions(about(0, 0, 0))
-    operations = len(record_function(functions["accelerate"]).tape.operations)
+        return print_functions(tell(-1))
+    functions = dict(parts.functions)
+    operations = sum(record_function(functions[name]).count_operations() for name in ACCELERATION)
     if operations <= SMALL:
+        functions["accelerate"] = parts.accelerate()
         functions["step"] = write_step(functions["accelerate"], functions["measure"])
     if operations > MOST_OPERATIONS:
         functions = {}
-    return print_functions({**functions, **about(kept, rows, operations)})
+    return print_functions({**functions, **tell(operations, parts)})
 
 
 class Equations(NamedTuple):
-    """K at a motion, its first row of the cut joints, these, and the order of elimination."""
+    """K at a motion (t, y), its first row of the cut joints, these, and the order of elimination."""
 
+    t: "ca.SX"
+    y: "ca.SX"
     motion: "Motion"
     K: "Matrix"
     first: int
     rows: "list[Row]"
     order: "Order"
 
+    @property
+    def held(self) -> int:
+        """Return how many rows hold opened balls."""
+        return 3 * len(self.motion.opened)
 
-def choose_order(
-    system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", at: np.ndarray | None = None
-) -> Equations:
-    """Make code with balls opened or not, by the shorter elimination; LostRank where none is safe at y."""
+
+_FOUND: dict[str, Equations] = {}  # the last
+
+
+def find_equations(system: MultibodySystem, tree: Tree, key: str) -> Equations:
+    """Return those of ``choose_order``, the last ones where they have this key."""
+    import casadi as ca
+
+    if key not in _FOUND:
+        _FOUND.clear()
+        _FOUND[key] = choose_order(system, tree, ca.SX.sym("t"), ca.SX.sym("y", tree.nq + tree.nu))
+    return _FOUND[key]
+
+
+def choose_order(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> Equations:
+    """Return equations with balls opened or not, by the shorter elimination."""
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
-    found = []
-    for way in ([], balls)[: 1 + bool(balls)]:
-        with contextlib.suppress(LostRank):
-            found.append(_equations(system, tree, t, y, way, at))
-    if not found:
-        raise LostRank
+    found = [_equations(system, tree, t, y, way) for way in ([], balls)[: 1 + bool(balls)]]
     return min(found, key=lambda equations: equations.order.products)
 
 
-def _equations(
-    system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int], at: np.ndarray | None = None
-) -> Equations:
-    """LostRank where a pivot at y is not safe beside the size of its row at the start, or as many rows do not hold."""
+def _equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> Equations:
     from . import loops
-    from .elimination import sizes
     from .motion import Motion
 
     motion = Motion(system, tree, t, y, opened=opened)
@@ -157,77 +189,123 @@ def _equations(
         K[k] = {}
         for u, entry in row.J.items():
             K[k][u] = K[u][k] = entry
-    numbers = _drop_rounding(_evaluate(K, t, y, tree.start), n)
-    order = order_rows(numbers, tree.nu, len(held))
-    if at is not None:
-        size, kept = sizes(numbers, n), len(order.rows)
-        order = order_rows(_drop_rounding(_evaluate(K, t, y, at), n), tree.nu, len(held))
-        largest = max(size[n:], default=0.0)
-        pairs = [(abs(pivot), size[k] or largest) for k, pivot in zip(order.rows, order.pivots, strict=True) if k >= n]
-        if len(order.rows) != kept or any(pivot < AGAIN * of for pivot, of in pairs):
-            raise LostRank
-    return Equations(motion, K, n + len(held), rows, order)
+    order = order_rows(_evaluate(K, t, y, tree.start), tree.nu, len(held))
+    return Equations(t, y, motion, K, n + len(held), rows, order)
 
 
-def order_rows(numbers: "Matrix", nu: int, held: int) -> "Order":
-    """The order at numbers, with rows that close loops behind all others unless that takes more products.
-
-    Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is behind the velocity it alone takes
-    away: before, its pivot is of the parent's turns alone and vanishes in some orientations. Behind it no pivot does.
-    """
-    from .elimination import find_order
-
-    n, first = nu + held, nu + 2 * held
-    behind: dict[int, Collection[int]] = {k: (k - held,) for k in range(n, first)}
-    last = find_order(numbers, n, {**behind, **dict.fromkeys(range(first, len(numbers)), range(first))}, first)
-    if first == len(numbers):
-        return last
-    mixed = find_order(numbers, n, behind)
-    return mixed if mixed.products < last.products else last
+def list_entries(found: Equations) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Return places of K's entries, each of its halves once: those that move with the mechanism, and constants."""
+    pairs = [(k, row) for k, column in found.K.items() for row in column if k <= row]
+    constant = {(k, row) for k, row in pairs if found.K[k][row].is_constant()}
+    return [pair for pair in pairs if pair not in constant], [pair for pair in pairs if pair in constant]
 
 
-def _functions(
-    system: MultibodySystem, tree: Tree, at: np.ndarray | None = None
-) -> "tuple[dict[str, Straight], int, int]":
-    import casadi as ca
+class Parts:
+    """Functions of a mechanism as expressions, by which its accelerations and its projection are put together."""
 
-    from ..generated import Straight
-    from . import loops
-    from .elimination import Factor
-    from .motion import Motion
-    from .stages import write_measure
+    def __init__(self, system: MultibodySystem, tree: Tree, found: Equations) -> None:
+        """Constants of K and of L stay constants."""
+        import casadi as ca
 
-    nq, nu = tree.nq, tree.nu
-    t, y = ca.SX.sym("t"), ca.SX.sym("y", nq + nu)
-    found = choose_order(system, tree, t, y, at)
-    motion, rows, first = found.motion, found.rows, found.first
-    factor = Factor(found.K, found.order.rows)
-    x = factor.solve(
-        {k: -e for k, e in enumerate(_parts(motion.efforts(motion.compute_carried_loads(motion.applied_forces()))))}
-        | {k: -row.acceleration for k, row in enumerate(rows, first)}
-    )
-    u_dot = _column([x[k] for k in range(nu)])
-    lam = _column([-x.get(k, ca.SX(0)) for k in range(first, first + len(rows))])
-    step = factor.solve({k: -row.phi for k, row in enumerate(rows, first)})
-    q = _normalise(tree, motion.q + motion.q_dot(_column([step[k] for k in range(nu)])) if rows else motion.q)
-    moved = Motion(system, tree, t, ca.vertcat(q, y[nq:]))
-    after = loops.rows(moved)
-    step = factor.solve({k: -row.rate for k, row in enumerate(after, first)})
-    u = y[nq:] + _column([step[k] for k in range(nu)])
-    ratio, gap = ca.SX(1), ca.SX(0)
-    for pivot, value in zip(factor.pivots, found.order.pivots, strict=True):
-        ratio = ca.fmin(ratio, (1.0 / value) * pivot)
-    for k, row in enumerate(after, first):
-        if k not in factor.inverse:
-            gap = ca.fmax(gap, ca.fabs(row.phi))
-    y_dot = ca.vertcat(moved.q_dot(u), u_dot)
-    functions = {
-        "accelerate": Straight([t, y], [ca.vertcat(motion.q_dot(motion.u), u_dot), ratio]),
-        "measure": write_measure(tree),
-        "finish": Straight([t, y], [ca.vertcat(q, u), y_dot, lam, ca.vertcat(ratio, gap)]),
-        "record": _record(system, tree, len(rows)),
-    }
-    return functions, sum(k >= first for k in factor.order), len(rows)
+        from ..generated import Straight
+        from .motion import coordinate_rates
+        from .stages import write_measure
+
+        self._found = found
+        t, y, motion, rows, first = found.t, found.y, found.motion, found.rows, found.first
+        nq, nu, nr = tree.nq, tree.nu, len(rows)
+        u, lam_at = y[nq:], range(first, first + nr)
+        variable, constant = list_entries(found)
+        given = ca.SX.sym("K", len(variable))
+        K: Matrix = {k: {} for k in found.K}
+        for (k, row), entry in [
+            *zip(variable, _parts(given), strict=True),
+            *((p, found.K[p[0]][p[1]]) for p in constant),
+        ]:
+            K[k][row] = K[row][k] = entry
+        factor = self.factor = Factor(K, found.order.rows)
+        L = factor.name_entries()
+        b = ca.SX.sym("b", nu + nr)
+        x = factor.solve({**dict(enumerate(_parts(b[:nu]))), **dict(zip(lam_at, _parts(b[nu:]), strict=True))})
+        of_rows = factor.solve(dict(zip(lam_at, _parts(b[nu:]), strict=True)))
+        lam_of_rows = _column([-of_rows.get(k, ca.SX(0)) for k in lam_at])
+        ratio = ca.SX(1)
+        for pivot, value in zip(factor.pivots, found.order.pivots, strict=True):
+            ratio = ca.fmin(ratio, (1.0 / value) * pivot)
+        efforts = motion.efforts(motion.compute_carried_loads(motion.applied_forces()))
+        loads = ca.vertcat(-efforts, *(-row.acceleration for row in rows))
+        self.functions = {
+            "entries": Straight(
+                [t, y], [_column([found.K[k][row] for k, row in variable]), ca.densify(loads), motion.q_dot(u)]
+            ),
+            "factor": Straight([given], [_column(factor.entries), ratio]),
+            "solve": Straight(
+                [L, b], [_column([x[k] for k in range(nu)]), _column([-x.get(k, ca.SX(0)) for k in lam_at])]
+            ),
+            "solve_rows": Straight([L, b[nu:]], [lam_of_rows]),
+            "measure": write_measure(tree),
+            "record": _record(system, tree, nr),
+        }  # fmt: skip
+        step, q = ca.SX.sym("step", nu), ca.SX.sym("q", nq)
+        moved = _normalise(tree, motion.q + motion.q_dot(step) if rows else motion.q)
+        gaps_and_rates = [_column([row.phi for row in rows]), _column([row.rate for row in rows])]
+        phi, rates = ca.Function("rows", [t, y], gaps_and_rates)(t, ca.vertcat(moved, u))
+        still = [ca.SX(0)] * nu
+        self.functions |= {
+            "gaps": Straight([t, y], [_column([*still, *(-row.phi for row in rows)])]),
+            "move": Straight(
+                [t, y, step], [moved, _column([*still, *_parts(-rates)]), ca.densify(phi)]
+            ),
+            "conclude": Straight([y, q, step], [ca.vertcat(q, u + step), coordinate_rates(tree, q, u + step)]),
+        }  # fmt: skip
+        places = [place for pair in (*variable, *constant) for place in pair]
+        constants = [float(found.K[k][row]) for k, row in constant]
+        tables = places, constants, found.order.rows, found.order.pivots
+        self.tables = [ca.SX(ca.DM([float(x) for x in table])) for table in tables]
+        self.sizes = (
+            nr,
+            len(factor.entries),
+            len(variable) + len(constant),
+            len(variable),
+            len(found.order.rows),
+            nu,
+            found.held,
+        )
+
+    def accelerate(self) -> "Straight":
+        """Return (t, y) -> y_dot, least in one."""
+        import casadi as ca
+
+        from ..generated import Straight
+
+        t, y = self._found.t, self._found.y
+        entries, factor, solve = (self._call(name) for name in ACCELERATION)
+        K, b, q_dot = entries(t, y)
+        L, ratio = factor(K)
+        return Straight([t, y], [ca.vertcat(q_dot, solve(L, b)[0]), ratio])
+
+    def finish(self) -> "Straight":
+        """Return (t, y) -> y projected, y_dot, lam in one."""
+        import casadi as ca
+
+        from ..generated import Straight
+
+        t, y = self._found.t, self._found.y
+        entries, factor, solve, gaps, move, conclude = (
+            self._call(name) for name in (*ACCELERATION, "gaps", "move", "conclude")
+        )
+        K, b, _ = entries(t, y)
+        L, _ = factor(K)
+        u_dot, lam = solve(L, b)
+        q, slips, _ = move(t, y, solve(L, gaps(t, y))[0])
+        after, q_dot = conclude(y, q, solve(L, slips)[0])
+        return Straight([t, y], [after, ca.vertcat(q_dot, u_dot), lam])
+
+    def _call(self, name: str) -> "ca.Function":
+        import casadi as ca
+
+        function = self.functions[name]
+        return ca.Function(name, list(function.inputs), [ca.densify(x) for x in function.outputs])
 
 
 def _record(system: MultibodySystem, tree: Tree, rows: int) -> "Straight":
@@ -274,20 +352,6 @@ def _evaluate(K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.nd
     return out
 
 
-def _drop_rounding(K: dict[int, dict[int, float]], nu: int) -> dict[int, dict[int, float]]:
-    """Without the entries of rows that have nothing but rounding: of a joint of the tree that is declared twice."""
-    from .elimination import sizes
-
-    size = sizes(K, nu)
-    nothing = (ROUNDING / max(size[:nu], default=1.0)) * ROUNDING
-    for k in range(nu, len(K)):
-        if size[k] < nothing:
-            for u in K[k]:
-                del K[u][k]
-            K[k] = {}
-    return K
-
-
 def _normalise(tree: Tree, q: "ca.SX") -> "ca.SX":
     import casadi as ca
 
@@ -309,12 +373,12 @@ def _column(x: list[Any]) -> "ca.SX":
     return ca.densify(ca.vertcat(*x)) if len(x) else ca.SX(0, 1)
 
 
-def _digest(system: MultibodySystem, tree: Tree, at: np.ndarray | None = None) -> str:
-    """Digest of all numbers of a system, of its tree, and of where the order of elimination is found."""
+def _digest(system: MultibodySystem, tree: Tree) -> str:
+    """Digest of all numbers of a system and of its tree."""
     digest = hashlib.sha256(repr([limb[:4] for limb in tree.limbs]).encode())
     arrays = {field.name: getattr(system, field.name) for field in fields(system)}
     arrays |= {f"limb {k} {n}": a for k, limb in enumerate(tree.limbs) for n, a in limb._asdict().items()}
-    arrays |= {"base": tree.base, "frames": tree.frames, "start": tree.start, "at": at}
+    arrays |= {"base": tree.base, "frames": tree.frames, "start": tree.start}
     for name, a in arrays.items():
         if isinstance(a, np.ndarray) and a.dtype != object:
             digest.update(f"{name} {a.shape} {a.dtype}".encode() + a.tobytes())
@@ -323,6 +387,6 @@ def _digest(system: MultibodySystem, tree: Tree, at: np.ndarray | None = None) -
 
 @cache
 def _own_text() -> str:
-    names = ("code", "elimination", "loops", "motion", "stages", "tree")
+    names = ("code", "elimination", "loops", "motion", "pivots", "stages", "tree")
     paths = [*(Path(__file__).with_name(f"{name}.py") for name in names), Path(fixed_order.__file__)]
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()

@@ -104,6 +104,17 @@ class Factor:
         """1/D of row ``k``."""
         return 1.0 / pivot
 
+    def name_entries(self) -> ca.SX:
+        """Put symbols in the place of 1/D and L, which ``entries`` keeps; constants stay."""
+        self.entries: list[ca.SX] = []
+        for k in self.order:
+            for column, row in [(self.inverse, k), *((self.L[k], row) for row in self.L[k])]:
+                if not ca.SX(column[row]).is_constant():
+                    self.entries.append(column[row])
+                    column[row] = ca.SX.sym(f"L{len(self.entries)}")
+        names = [x for k in self.order for x in (self.inverse[k], *self.L[k].values()) if ca.SX(x).is_symbolic()]
+        return ca.densify(ca.vertcat(*names)) if names else ca.SX(0, 1)
+
     def solve(self, rhs: dict[int, ca.SX]) -> dict[int, ca.SX]:
         """K^-1 rhs; rows that were left out have none."""
         x = {k: rhs.get(k, ca.SX(0)) for k in self.order}

@@ -10,16 +10,19 @@ This is a canonical system in all of R^2n, R = R(x / |x|). Its energy depends on
 quadratic form, is an invariant, and what y has along x has no effect. With ``radial`` the energy has a term
 alpha (x . y)^2 / 2 beside, zero in motion, and |x|^2 = 1 is a row, for methods that do not keep quadratic invariants;
 free spins are not in q, and ``close`` adds them to y.
-G is the gradient of the rows that are kept.
+G is the gradient of all rows; those that are left out have lam = 0.
 
     stage(t, q, p) -> q_dot, p_dot        without rows
     enter(y) -> p                         y = (q, u)
     gaps(t, q) -> phi                     push(t, q, lam) -> G^T lam
-    factor(t, q) -> L                     solve(L, rhs) -> S^-1 rhs,   S = G H^-1 G^T
-    close(t, q, p) -> y, lam              p - G^T lam moves on phi_dot = 0, with y
+    pose(t, q, p) -> y, b                 at rest, with unit quaternions; momenta and rows of what is to come
+    add_spins(y, K) -> K                  with ``radial``, where there are free spins
+    close(t, q, p, u, lam) -> y, lam      of the solution: p - G^T lam moves on phi_dot = 0, with y
+    soften(phi) -> lam                    of the rows |x|^2
+
+S^-1, S = G H^-1 G^T, is that of the code of module ``code``: of its K at y, in its order of elimination or by lists.
 """
 
-import copy
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,102 +35,95 @@ from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
 from ..generated import Code
 from ..generated.code import print_functions
-from ..rows.kept_code import texts_of_makers
 from .code import (
     MOST_OPERATIONS,
     _column,
-    _digest,
     _evaluate,
     _normalise,
-    _own_text,
     _parts,
-    choose_order,
-    order_rows,
+    find_equations,
+    key_of,
+    list_entries,
     too_large,
 )
+from .elimination import Factor, Matrix
+from .pivots import order_rows
 from .tree import Limb, Tree, snap
 
 if TYPE_CHECKING:
     import casadi as ca
 
     from ..generated import Straight
-    from .elimination import Factor
+    from .code import Equations
     from .motion import Motion
 
 
 class HamiltonCode(NamedTuple):
-    """The code of a mechanism, and sizes of its arrays."""
+    """The code of a mechanism, and sizes."""
 
     code: Code
-    rows: int  # kept, and with ``radial`` those of |x|^2
-    entries: int  # of the factor
+    rows: int  # of the loops, and with ``radial`` those of |x|^2
+    spins: int
     operations: int  # of ``stage``
 
 
 @making_code
-def make_hamilton_code(
-    system: MultibodySystem, tree: Tree, at: np.ndarray | None = None, *, radial: bool = False
-) -> HamiltonCode:
-    """Made, or loaded; ValueError where it is too large. Its orders of elimination are found at y, or at the start."""
+def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = False) -> HamiltonCode:
+    """Made, or loaded; ValueError where it is too large."""
     files = [Path(__file__), Path(__file__).with_name("spins.py")]
     text = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
-    key = f"{texts_of_makers()}\0{_own_text()}\0{text}\0{radial}\0{_digest(system, tree, at)}"
-    code = Code(lambda: _print(system, tree, at, radial), key)
+    equations = key_of(system, tree)
+    code = Code(lambda: _print(system, tree, equations, radial), f"{equations}\0{text}\0{radial}")
     about = np.zeros(3)
     code.function("about", 1)(about.ctypes.data)
-    rows, entries, operations = (int(x) for x in about)
+    rows, spins, operations = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
         raise ValueError(too_large(operations))
-    return HamiltonCode(code, rows, entries, operations)
+    return HamiltonCode(code, rows, spins, operations)
 
 
-def _print(system: MultibodySystem, tree: Tree, at: np.ndarray | None, radial: bool) -> str:
+def _print(system: MultibodySystem, tree: Tree, equations: str, radial: bool) -> str:
     import casadi as ca
 
     from ..generated.functions import Straight, record_function
 
-    functions, rows, entries = _functions(system, tree, at, radial)
-    operations = len(record_function(functions["stage"]).tape.operations)
+    functions, rows, spins = _functions(system, tree, find_equations(system, tree, equations), radial)
+    operations = record_function(functions["stage"]).count_operations()
     if operations > MOST_OPERATIONS:
         functions = {}
-    return print_functions({**functions, "about": Straight([], [ca.vertcat(rows, entries, operations)])})
+    return print_functions({**functions, "about": Straight([], [ca.vertcat(rows, spins, operations)])})
 
 
 def _functions(
-    system: MultibodySystem, tree: Tree, at: np.ndarray | None, radial: bool
+    system: MultibodySystem, tree: Tree, found: "Equations", radial: bool
 ) -> "tuple[dict[str, Straight], int, int]":
     import casadi as ca
 
     from ..generated import Straight
-    from .elimination import Factor
     from .motion import Motion
     from .spins import find_spins
 
-    nq, nu = tree.nq, tree.nu
-    t, q, p, y = ca.SX.sym("t"), ca.SX.sym("q", nq), ca.SX.sym("p", nq), ca.SX.sym("y", nq + nu)
+    nq, nu, first, rows = tree.nq, tree.nu, found.first, found.rows
+    t, y, q, p = found.t, found.y, ca.SX.sym("q", nq), ca.SX.sym("p", nq)
     x, u, pi = y[:nq], y[nq:], ca.SX.sym("pi", nu)  # of unit quaternions
     balls = [limb for limb in tree.limbs if limb.ball]
-    found = choose_order(system, tree, t, y, at)
     spins = find_spins(system, tree) if radial else []
+    added: Matrix = {k: {} for k in range(first)}
     for spin in spins:
-        spin.add_inertia(found.K, found.motion)
-    first, kept = found.first, sorted(k for k in found.order.rows if k >= found.first)
-    rows = [found.rows[k - first] for k in kept]
-    whole = Factor(found.K, found.order.rows)
-    H = {k: {row: entry for row, entry in found.K[k].items() if row < first} for k in range(first)}
+        spin.add_inertia(added, found.motion)
+    H = {k: {row: entry + added[k].get(row, 0) for row, entry in found.K[k].items() if row < first}
+         for k in range(first)}  # fmt: skip
     at_start = _evaluate(H, t, y, tree.start)
-    of_tree = Factor(H, order_rows(at_start, nu, 3 * len(found.motion.opened)).rows)
+    of_tree = Factor(H, order_rows({k: dict(column) for k, column in at_start.items()}, nu, found.held).rows)
 
     moving, resting = (Motion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
     energy = _kinetic_energy(moving)
     whole_energy = sum((spin.added_energy(moving) for spin in spins), energy)
     forces = _project_momenta(tree, x, ca.gradient(whole_energy, y)[:nq]) - _loads(moving, resting)
-    phi, lam = _column([row.phi for row in rows]), ca.SX.sym("lam", len(kept) + (len(balls) if radial else 0))
-    gradient = ca.gradient(ca.dot(phi, lam[: len(kept)]), y)[:nq] if rows else ca.SX.zeros(nq)
-    impulse = {k: pi[k] for k in range(nu)}
-    moved = of_tree.solve(impulse)
-    closed = whole.solve(impulse | {k: -row.rate for k, row in zip(kept, rows, strict=True)})
-    q_held, u_held = ca.SX(x), _column([closed[k] for k in range(nu)])
+    phi, lam = _column([row.phi for row in rows]), ca.SX.sym("lam", len(rows) + (len(balls) if radial else 0))
+    gradient = ca.gradient(ca.dot(phi, lam[: len(rows)]), y)[:nq] if rows else ca.SX.zeros(nq)
+    moved = of_tree.solve({k: pi[k] for k in range(nu)})
+    q_held, u_held = ca.SX(x), ca.SX(u)
     for spin in spins:
         spin.add_turn(q_held, u_held, found.motion, pi)
 
@@ -137,42 +133,45 @@ def _functions(
         out = values(t, ca.vertcat(_normalise(tree, q), velocities), momenta, lam)
         return list(out) if isinstance(out, tuple) else [out]
 
-    rest, lowered = ca.SX.zeros(nu), _project_momenta(tree, q, p)
+    rest, lowered, own_u = ca.SX.zeros(nu), _project_momenta(tree, q, p), ca.SX.sym("u", nu)
     (velocities,) = express([_column([moved[k] for k in range(nu)])], rest, lowered)
     (forces,) = express([forces], velocities, lowered)
-    phi, gradient, held, mu, L = express(
-        [
-            phi, _project_momenta(tree, x, gradient), ca.vertcat(q_held, u_held),
-            _column([closed[k] for k in kept]), _column(_entries(whole)),
-        ], rest, lowered,
-    )  # fmt: skip
+    phi, gradient, slips = express(
+        [phi, _project_momenta(tree, x, gradient), _column([-row.rate for row in rows])], rest, lowered
+    )
+    (held,) = express([ca.vertcat(q_held, u_held)], own_u, lowered)
     q_dot, p_dot = (
         _coordinate_rates(tree, q, velocities),
         _lift_momenta(tree, q, forces) + _coordinate_rates(tree, p, velocities, slides=0.0),
     )
-    push = _lift_momenta(tree, q, gradient)
-    entries, rhs = ca.SX.sym("L", L.numel()), lam
-    corrected = _of_entries(whole, entries).solve({k: rhs[n] for n, k in enumerate(kept)})
-    solved = [-corrected[k] for k in kept]
-    for n, limb in enumerate(balls if radial else [], len(kept)):
+    push, mu = _lift_momenta(tree, q, gradient), -lam[: len(rows)]
+    softened = ca.SX.sym("phi", len(balls) if radial else 0)
+    soft = []
+    for n, limb in enumerate(balls if radial else []):
         alpha, own = _softness(limb, at_start), _quaternion(limb)
         along = ca.dot(q[own], p[own])
         q_dot[own] += alpha * along * q[own]
         p_dot[own] -= alpha * along * p[own]
         square = ca.dot(q[own], q[own])
         phi, mu = ca.vertcat(phi, 0.5 * (square - 1.0)), ca.vertcat(mu, along / square)
-        push[own] += lam[n] * q[own]
-        solved.append(rhs[n] / alpha)
+        push[own] += lam[len(rows) + n] * q[own]
+        soft.append(softened[n] / alpha)
     functions = {
         "stage": Straight([t, q, p], [q_dot, p_dot]),
         "enter": Straight([y], [_lift_momenta(tree, x, ca.gradient(energy, y)[nq:])]),
         "gaps": Straight([t, q], [phi]),
         "push": Straight([t, q, lam], [push]),
-        "factor": Straight([t, q], [L]),
-        "solve": Straight([entries, rhs], [_column(solved)]),
-        "close": Straight([t, q, p], [held, mu]),
+        "pose": Straight([t, q, p], [ca.vertcat(_normalise(tree, q), rest), ca.vertcat(lowered, slips)]),
+        "close": Straight([t, q, p, own_u, lam[: len(rows)]], [held, mu]),
+        "soften": Straight([softened], [_column(soft)]),
     }
-    return functions, lam.numel(), L.numel()
+    if spins:
+        variable, _ = list_entries(found)
+        K = ca.SX.sym("K", len(variable))
+        entries = [entry + added[k].get(row, 0) if k < first else entry
+                   for (k, row), entry in zip(variable, _parts(K), strict=True)]  # fmt: skip
+        functions["add_spins"] = Straight([y, K], [_column(entries)])
+    return functions, lam.numel(), len(spins)
 
 
 def _kinetic_energy(motion: "Motion") -> "ca.SX":
@@ -249,17 +248,3 @@ def _softness(limb: Limb, H: dict[int, dict[int, float]]) -> float:
     """alpha of the inertia of a ball at the start: a quaternion of that inertia about all axes has 4 I along x."""
     at = limb.u_at + len(limb.slides)
     return 0.25 / float(np.mean([H[k][k] for k in range(at, at + 3)]))
-
-
-def _entries(factor: "Factor") -> "list[ca.SX]":
-    return [x for k in factor.order for x in (factor.inverse[k], *factor.L[k].values())]
-
-
-def _of_entries(factor: "Factor", entries: "ca.SX") -> "Factor":
-    """A factor with the same places."""
-    out, numbers = copy.copy(factor), iter(_parts(entries))
-    out.L, out.inverse = {}, {}
-    for k in factor.order:
-        out.inverse[k] = next(numbers)
-        out.L[k] = {row: next(numbers) for row in factor.L[k]}
-    return out

@@ -8,7 +8,7 @@ whose pivots fall to ``LOW`` and whose error is too large is tried again on f(P(
 motion to the same order, without that division. It fails only where a stage all but hits the position, and its other
 lengths, ``TRIALS`` of the first one, move the stages. The step after it has that first length again: after short ones
 steps would creep towards the position, never over it. After ``MOST_CUTS`` beside,
-code of another order of elimination goes on if it has safe pivots there, else the kernel for good.
+another order of elimination goes on if it has safe pivots there, else the kernel for good.
 """
 
 import dataclasses
@@ -28,8 +28,11 @@ from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
-from .code import MOST_OPERATIONS, LostRank, make_code, too_large
+from .code import MOST_OPERATIONS, make_code, too_large
 from .counting import least_operations
+from .elimination import Order
+from .evaluation import Evaluation
+from .pivots import LostRank
 from .tree import spanning_tree
 
 LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8  # over its value at the start: where a step is projected, and before
@@ -40,7 +43,6 @@ MOST_CUTS = 10
 NEAR = 10.0  # as an error: a step that comes too near is cut to two thirds
 ONE = 1.0 + 1e-15  # as an error: the next step is ``SAFETY`` of h
 TRIALS = np.array([0.8, 1.25, 0.65, 1.5, 0.5, 0.9, 0.4, 0.3, 0.2, 0.1, 0.05])
-Point = np.ndarray | None  # y where an order of elimination was found, or the start
 ROOM, MOST_AT_ONCE = 1_000_000, 1000  # bytes and steps that are recorded before Python takes them over
 
 
@@ -204,10 +206,13 @@ class Marcher:
 
     _room: tuple[Record, Bound] | None = None
 
-    def __init__(self, problem: Problem, state: np.ndarray, before: "Marcher | None" = None, at: Point = None) -> None:
-        """From the start, or from where the one ``before`` stands, by the order of elimination found at y."""
-        system, tree = problem.system, spanning_tree(problem.system, problem.initial)
-        self.code = make_code(system, tree, at)
+    def __init__(
+        self, problem: Problem, state: np.ndarray, before: "Marcher | None" = None, chosen: Order | None = None
+    ) -> None:
+        """From the start, or from where the one ``before`` stands, by the order of elimination ``chosen`` there."""
+        system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
+        self.tree, self.code = tree, before.code if before else make_code(system, tree)
+        self.evaluation = Evaluation(self.code, tree.nq, chosen)
         nb, n, tableau = system.nb, len(tree.start), DOPRI853
         self.state = state
         self.kernel = bodies = Bodies(
@@ -216,22 +221,22 @@ class Marcher:
         )  # fmt: skip
         given, y, y_dot, after, lam, guard, start = (np.zeros(k) for k in (3, n, n, n, self.code.rows, 2, n))
         t, slopes, sums, error, least = given[:1], np.zeros((len(tableau.b), n)), np.zeros((2, n)), *np.zeros((2, 1))
-        calls = {
-            "accelerate": [t, y, y_dot, least], "measure": [given, start, y, sums, error],
-            "step": [given, start, slopes[0], y, error, least], "finish": [t, y, after, y_dot, lam, guard],
-            "record": [t, after, y_dot, lam, *bodies[:5]],
-        }  # fmt: skip
-        if not self.code.is_small:
-            calls["step"] = []
-        address = self.code.code.address
-        self._programs = [Program([(address(name), a)] if a else [], self.code) for name, a in calls.items()]
+        step_of = self.evaluation.step
+        self._at_once = self.code.is_small and chosen is None
+        self._programs = [
+            self.evaluation.accelerate(t, y, y_dot, least),
+            Program(step_of("measure", given, start, y, sums, error), self.code),
+            Program(step_of("step", given, start, slopes[0], y, error, least) if self._at_once else [], self.code),
+            self.evaluation.finish(t, y, after, y_dot, lam, guard),
+            Program(step_of("record", t, after, y_dot, lam, *bodies[:5]), self.code),
+        ]
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(
             state, given, tableau.a, tableau.b, tableau.c, tableau.error, start, y, y_dot, after, slopes, sums, error,
             least, guard, np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), LOW]),
             np.array([0.0, 0.0, 0.0, 1.0]), *(program.entry for program in self._programs),
         )  # fmt: skip
-        one = step_at_once if self.code.is_small else step
+        one = step_at_once if self._at_once else step
         self._entries = Bound(one, self.stages), Bound(finish, self.stages)
         t[0], first = state["t"], before.stages.start if before else tree.start
         y[:] = first
@@ -275,12 +280,12 @@ class Marcher:
 
 
 class Relay:
-    """A march by code; where that cannot go on, by code of another order of elimination, then by the kernel."""
+    """A march by code; where that cannot go on, by another order of elimination, then by the kernel."""
 
     def __init__(self, problem: Problem, code: Marcher) -> None:
         self.state, self.kernel, self.reaction = code.state, code.kernel, code.reaction
         self.changes, self._notes = list[float](), list[str]()
-        self._problem, self._runner, self._points = problem, code, list[Point]([None])
+        self._problem, self._runner, self._orders = problem, code, list[Order | None]([None])
         self._fallback: kernel.Marcher | None = None
 
     @property
@@ -305,27 +310,28 @@ class Relay:
         return record
 
     def _choose_pivots(self) -> bool:
-        """Go on with code whose pivots are safe here, an earlier one if it can, and return whether there is one."""
+        """Go on by an order whose pivots are safe here, an earlier one if it can, and return whether there is one."""
         t = float(self.state["t"])
         if self.changes and not t > self.changes[-1]:
             return False
-        for at in self._points:
-            other = self._made_at(at)
+        for order in self._orders:
+            other = self._made_by(order)
             if other.stages.guard[0] > FAIR:
                 break
         else:
-            here = self._runner.here.copy()
+            before = self._runner
             try:
-                other = self._made_at(here)
+                order = before.evaluation.find_order(t, before.here, before.tree.start)
             except LostRank:
                 return False
-            self._points.append(here)
+            other = self._made_by(order)
+            self._orders.append(order)
         self._runner = other
         self.changes.append(t)
         return True
 
-    def _made_at(self, at: Point) -> Marcher:
-        return Marcher(self._problem, self.state, self._runner, at)
+    def _made_by(self, order: Order | None) -> Marcher:
+        return Marcher(self._problem, self.state, self._runner, order)
 
     def _go_on_without(self) -> None:
         t, k = float(self.state["t"]), self._runner.kernel

@@ -91,16 +91,7 @@ class Motion:
 
     def q_dot(self, u: ca.SX) -> ca.SX:
         """Rates of the coordinates at velocities ``u``."""
-        out = []
-        for limb in self.tree.limbs:
-            if not limb.sizes[1]:
-                continue  # a slice without entries of a single number is a row
-            ns, at, own = len(limb.slides), limb.q_at, u[limb.u_at : limb.u_at + limb.sizes[1]]
-            if limb.ball:
-                s, x = self.q[at + ns], self.q[at + ns + 1 : at + ns + 4]
-                own = ca.vertcat(own[:ns], -0.5 * ca.dot(own[ns:], x), 0.5 * (s * own[ns:] + ca.cross(own[ns:], x)))
-            out.append(own)
-        return ca.vertcat(*out) if out else ca.SX(0, 1)
+        return coordinate_rates(self.tree, self.q, u)
 
     def inertia(self) -> dict[int, dict[int, ca.SX]]:
         """H by columns {row: entry}, both halves."""
@@ -228,6 +219,20 @@ class Motion:
         C = self.P[b] + self.centre[b]
         v = self.v[b] + ca.cross(self.omega[b], self.centre[b])
         return Pose(*(_symbols(x) for x in (C, self.R[b], v, self.omega[b])))
+
+
+def coordinate_rates(tree: Tree, q: ca.SX, u: ca.SX) -> ca.SX:
+    """Rates of coordinates at ``q`` and velocities ``u``."""
+    out = []
+    for limb in tree.limbs:
+        if not limb.sizes[1]:
+            continue  # a slice without entries of a single number is a row
+        ns, at, own = len(limb.slides), limb.q_at, u[limb.u_at : limb.u_at + limb.sizes[1]]
+        if limb.ball:
+            s, x = q[at + ns], q[at + ns + 1 : at + ns + 4]
+            own = ca.vertcat(own[:ns], -0.5 * ca.dot(own[ns:], x), 0.5 * (s * own[ns:] + ca.cross(own[ns:], x)))
+        out.append(own)
+    return ca.vertcat(*out) if out else ca.SX(0, 1)
 
 
 def weighted_sum(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:

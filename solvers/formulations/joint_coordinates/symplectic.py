@@ -3,10 +3,10 @@
 A step by a ``Tableau`` finds q_dot, p_dot of its stages and lam of its rows in sweeps: each stage by the newest of the
 others, then lam of all nodes by one step of a simplified Newton method,
 
-    (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step,
+    (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step, where velocities are closed,
 
 until only rounding changes. The first estimate extrapolates steps before. q and p are summed with compensation (Kahan).
-Where pivots are poor at the end of a step, code of another order of elimination goes on with the same q and p.
+Where pivots are poor at the end of a step, another order of elimination goes on with the same q and p.
 
 Sweeps converge linearly, at a rate of about h times the fastest rate of the motion. Where so many are needed that
 rounding could decide whether ``MOST_SWEEPS`` are enough, Anderson's method accelerates them (module ``acceleration``).
@@ -30,8 +30,10 @@ from . import marching
 from .acceleration import MEMORY, accelerate
 from .code import make_code
 from .collocation import DEPTH, Tableau
-from .hamilton import make_hamilton_code
-from .marching import OPEN, Bodies, Point
+from .elimination import Order
+from .evaluation import Evaluation, Steps
+from .hamilton import HamiltonCode, make_hamilton_code
+from .marching import OPEN, Bodies
 from .tree import spanning_tree
 
 MOST_SWEEPS = 60  # twice what the longest steps take that are accurate at all
@@ -40,7 +42,7 @@ PLAIN_SWEEPS = 16  # acceleration begins where these would leave more than ``TIG
 LOOSE, TIGHT = 1e-9, 1e-13  # larger changes are no rounding; smaller ones are little else
 IDLE = 4  # sweeps in which changes do not halve: rounding; two are enough below ``TIGHT``
 ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
-CALLS = ("stage", "gaps", "push", "factor", "solve", "close", "finish", "record")
+CALLS = ("stage", "gaps", "push", "solve", "close", "finish", "record")
 POOR_PIVOT, LEAST_PIVOT = 1e-3, 1e-6  # of their first values: others are looked for, and the march ends
 FASTEST = 1e-2  # assumed convergence of a sweep, at best
 
@@ -72,6 +74,7 @@ class Stages(NamedTuple):
     lam_before: Any  # (d, m, r)
     phi: Any  # (m - 1, r)
     rows: Any  # (r,) in and out of code
+    kept: Any  # numbers of those that hold
     gaps: Any  # (r,)
     solved: Any  # (r,)
     push: Any  # (nq,)
@@ -92,7 +95,6 @@ class Stages(NamedTuple):
     stage: int
     gap: int
     pushed: int
-    factor: int
     solve: int
     close: int
     finish: int
@@ -109,10 +111,6 @@ def step(s: Any) -> None:
         s.past[0], s.past[1] = 0.0, h
     _estimate(s, c.t)
     rows = len(s.rows) > 0
-    if rows:
-        s.t[0] = c.t
-        copy(s.start, s.z)
-        run(s.factor)
     last, least, seen, idle, known, slow = np.inf, np.inf, 0.0, 0, -1, False
     for sweep in range(MOST_SWEEPS):
         c.iterations += 1
@@ -272,9 +270,10 @@ def _correct(s: Any, t: float, h: float) -> float:
     for j in range(1, m):
         _node(s, j, t, h)
         run(s.gap)
-        for r in range(nr):
-            worst = max(worst, abs(s.gaps[r]))
-            if not np.isfinite(s.gaps[r]):
+        for n in range(len(s.kept)):
+            gap = s.gaps[s.kept[n]]
+            worst = max(worst, abs(gap))
+            if not np.isfinite(gap):
                 worst = np.inf
         copy(s.gaps, s.rows)
         run(s.solve)
@@ -292,15 +291,57 @@ def _correct(s: Any, t: float, h: float) -> float:
     return worst
 
 
+class Closing:
+    """K at the end of a step, by which velocities are closed there, and then lam of the next step are corrected."""
+
+    def __init__(self, evaluation: Evaluation, own: HamiltonCode) -> None:
+        self._evaluation, self._own = evaluation, own
+        pattern = evaluation.made.pattern
+        self._y, self._b = np.zeros(evaluation.nq + pattern.nu), np.zeros(pattern.nu + pattern.rows)
+        self._u, self._lam, self._rates = np.zeros(pattern.nu), np.zeros(pattern.rows), np.zeros(evaluation.nq)
+        loops = [k - pattern.first for k in evaluation.order.rows if k >= pattern.first]
+        self.kept = np.array([*sorted(loops), *range(pattern.rows, own.rows)], dtype=np.int64)
+
+    def factor(self, t: np.ndarray, z: np.ndarray) -> Program:
+        """Return the program of K's factor."""
+        return Program(self._factor(t, z), self)
+
+    def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:
+        """Return the program of y and lam."""
+        solve = self._evaluation.solve(self._b, self._u, self._lam)
+        return Program([*self._factor(t, z), *solve, self._step("close", t, *z, self._u, self._lam, y, rows)], self)
+
+    def solve(self, rows: np.ndarray, solved: np.ndarray) -> Program:
+        """Return the program of S^-1 rows."""
+        loops, radial = (np.split(x, [self._evaluation.made.rows]) for x in (rows, solved))
+        steps = self._evaluation.solve_rows(loops[0], radial[0])
+        return Program([*steps, self._step("soften", loops[1], radial[1])], self)
+
+    def _factor(self, t: np.ndarray, z: np.ndarray) -> Steps:
+        e, variable = self._evaluation, self._evaluation.made.pattern.variable
+        pose, loads = self._step("pose", t, *z, self._y, self._b), np.zeros_like(self._b)
+        if not self._own.spins:
+            return [pose, *e.entries(t, self._y, loads, self._rates), *e.factor(np.zeros(1))]
+        K = np.zeros(variable)
+        entries = e.step("entries", t, self._y, K, loads, self._rates)
+        return [pose, *entries, self._step("add_spins", self._y, K, e.K[:variable]), *e.factor(np.zeros(1))]
+
+    def _step(self, name: str, *arrays: np.ndarray) -> tuple[int, list[np.ndarray]]:
+        return self._own.code.address(name), list(arrays)
+
+
 class Marcher(marching.Marcher):
     """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
 
     def __init__(
-        self, problem: Problem, state: np.ndarray, tableau: Tableau, before: "Marcher | None" = None, at: Point = None,
-        *, radial: bool,
+        self, problem: Problem, state: np.ndarray, tableau: Tableau, before: "Marcher | None" = None,
+        chosen: Order | None = None, *, radial: bool,
     ) -> None:  # fmt: skip
-        system, tree = problem.system, spanning_tree(problem.system, problem.initial)
-        self.code, own = make_code(system, tree, at), make_hamilton_code(system, tree, at, radial=radial)
+        """From the start, or from where the one ``before`` stands, by the order of elimination ``chosen`` there."""
+        system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
+        self.tree, self.code = tree, before.code if before else make_code(system, tree)
+        own = before.hamilton if before else make_hamilton_code(system, tree, radial=radial)
+        self.evaluation = Evaluation(self.code, tree.nq, chosen)
         self.hamilton, self.tableau, self.radial = own, tableau, radial
         nb, ny, nq, r = system.nb, len(tree.start), tree.nq, own.rows
         stages, m = len(tableau.b), len(tableau.nodes)
@@ -311,28 +352,30 @@ class Marcher(marching.Marcher):
         )  # fmt: skip
         t, y, after, y_dot, lam, guard = (np.zeros(k) for k in (1, ny, ny, ny, self.code.rows, 2))
         z, z_dot, push = np.zeros((2, nq)), np.zeros((2, nq)), np.zeros(nq)
-        rows, gaps, solved, L = (np.zeros(k) for k in (r, r, r, own.entries))
+        rows, gaps, solved = np.zeros((3, r))
         sizes = (stages, 2, nq), (m, nq), (m, r)
         ends = np.cumsum([0, *(int(np.prod(size)) for size in sizes)]).tolist()
         room = np.zeros(ends[-1])
         F, pushes, lam_of_nodes = (room[a:b].reshape(size) for a, b, size in zip(ends, ends[1:], sizes, strict=False))
         unknowns, changing = (room, ends[2]) if r else (room[: ends[1]], ends[1])
-        index_1, address = self.code.code.address, own.code.address
-        calls = {
+        steps = {
             "stage": [t, z[0], z[1], z_dot[0], z_dot[1]], "gaps": [t, z[0], gaps], "push": [t, z[0], rows, push],
-            "factor": [t, z[0], L], "solve": [L, rows, solved], "close": [t, z[0], z[1], y, rows], "enter": [y, z[1]],
+            "enter": [y, z[1]],
         }  # fmt: skip
-        programs = {name: Program([(address(name), arrays)], own) for name, arrays in calls.items()}
-        finish_1 = [t, y, after, y_dot, lam, guard]
-        programs["finish"] = Program([(index_1("finish"), finish_1)], self.code)
-        programs["record"] = Program([(index_1("record"), [t, after, y_dot, lam, *bodies[:5]])], self.code)
+        programs = {name: Program([(own.code.address(name), arrays)], own) for name, arrays in steps.items()}
+        closing = Closing(Evaluation(self.code, nq, chosen), own)
+        programs |= {
+            "close": closing.close(t, z, y, rows), "solve": closing.solve(rows, solved),
+            "finish": self.evaluation.finish(t, y, after, y_dot, lam, guard),
+            "record": Program(self.evaluation.step("record", t, after, y_dot, lam, *bodies[:5]), self.code),
+        }  # fmt: skip
         self._programs = list(programs.values())
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(  # type: ignore[assignment]
             state, t, *tableau[2:], tableau.newton(),
             *tableau.estimates(), np.zeros((2, nq)), np.zeros((2, nq)), z, z_dot, unknowns, F,
             np.zeros((DEPTH, stages, 2, nq)), lam_of_nodes, np.zeros((DEPTH, m, r)),
-            np.zeros((m - 1, r)), rows, gaps, solved, push, pushes, y, after, guard,
+            np.zeros((m - 1, r)), rows, closing.kept, gaps, solved, push, pushes, y, after, guard,
             np.array([
                 POOR_PIVOT, OPEN * (reach or 1.0), ROUNDINGS * np.finfo(float).eps * max(reach, 1.0), PLAIN_SWEEPS,
             ]),
@@ -352,6 +395,8 @@ class Marcher(marching.Marcher):
             z[0] = y[:nq]
             programs["enter"].run()
             self.stages.start[:] = z
+        z[:] = self.stages.start
+        closing.factor(t, z).run()
         self._entries = Bound(step, self.stages), Bound(finish, self.stages)
         self.stretch(0)
 
@@ -384,9 +429,9 @@ class Relay(marching.Relay):
     def _choose_pivots(self) -> bool:
         return self._runner.is_near and super()._choose_pivots()
 
-    def _made_at(self, at: Point) -> Marcher:
+    def _made_by(self, order: Order | None) -> Marcher:
         before = self._runner
-        return Marcher(self._problem, self.state, before.tableau, before, at, radial=before.radial)
+        return Marcher(self._problem, self.state, before.tableau, before, order, radial=before.radial)
 
     def _go_on_without(self) -> None:
         s = self._runner.stages
