@@ -51,8 +51,8 @@ class PreciseFlow:
         tree = spanning_tree(system, start)
         joint_code.make_code(system, tree)  # its refusals
         found = joint_code.find_equations(system, tree, joint_code.key_of(system, tree))
-        parts, self.rows = joint_code.Parts(system, tree, found), len(found.rows)
-        rate, finish, record = parts.accelerate(), parts.finish(), parts.functions["record"]
+        written, self.rows = joint_code.Parts(system, tree, found), len(found.rows)
+        rate, finish, record = written.accelerate(), written.finish(), written.functions["record"]
         self.tolerance = TOLERANCE[bits] if tolerance is None else tolerance
         self.order = math.ceil(1.0 - 0.5 * math.log(self.tolerance))
         still = [ca.SX.zeros(k.numel()) for k in record.inputs[2:]]

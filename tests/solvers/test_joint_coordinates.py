@@ -1,7 +1,6 @@
 """Code of a mechanism in joint coordinates: the judge's accelerations, orders, symmetries, and no wrong success."""
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,10 +13,10 @@ from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.generated import Program
-from mbsbench.solvers.formulations.joint_coordinates import code, marching
-from mbsbench.solvers.formulations.joint_coordinates.code import JointCode, make_code
+from mbsbench.solvers.formulations.generated import code as generated_code
+from mbsbench.solvers.formulations.joint_coordinates import code, marching, symplectic
+from mbsbench.solvers.formulations.joint_coordinates.code import make_code
 from mbsbench.solvers.formulations.joint_coordinates.counting import least_operations
-from mbsbench.solvers.formulations.joint_coordinates.elimination import Order
 from mbsbench.solvers.formulations.joint_coordinates.evaluation import Evaluation
 from mbsbench.solvers.formulations.joint_coordinates.tree import MOTIONS, spanning_tree
 
@@ -36,9 +35,7 @@ def solve(problem: Problem, rtol: float, solver: str = "dop853_joint") -> Trajec
     return out
 
 
-def check_accelerations(
-    system: MultibodySystem, start: State, *, seed: int = 0, chosen: Callable[[JointCode], Order] | None = None
-) -> None:
+def check_accelerations(system: MultibodySystem, start: State, *, seed: int = 0) -> None:
     """Those of the code, at coordinates and velocities away from the start, against the judge's."""
     random, tree = np.random.default_rng(seed), spanning_tree(system, start)
     made = make_code(system, tree)
@@ -48,7 +45,7 @@ def check_accelerations(
     r, R, v, v_dot = np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6))
     reaction = np.zeros(system.nrows)
 
-    evaluation = Evaluation(made, tree.nq, chosen(made) if chosen else None)
+    evaluation = Evaluation(made, tree.nq)
     finish = evaluation.finish(t, y, after, y_dot, lam, guard)
     for _ in range(12):  # onto the loops
         finish.run()
@@ -250,6 +247,74 @@ def test_code_of_other_pivots_goes_on_with_the_same_motion(monkeypatch: pytest.M
     assert any("anew" in note for note in out.notes)
     assert not any("kernel" in note for note in out.notes)
     assert np.max(np.abs(out.states.r[-1] - whole.states.r[-1])) < 1e-7
+
+
+@pytest.mark.parametrize("name", ["chain", "bricard", "stewart_platform", "four_bar_grid"])
+def test_lists_eliminate_as_code_does(name: str) -> None:
+    """The same order, and the one found where the mechanism is, give the accelerations that straight code gives."""
+    problem = make_problem(name, {"rows": 2, "columns": 2} if name == "four_bar_grid" else {})
+    tree = spanning_tree(problem.system, problem.initial)
+    made = make_code(problem.system, tree)
+    random, n = np.random.default_rng(2), len(tree.start)
+    moves = np.arange(n) >= (tree.nq if made.kept < made.rows else 0)  # off the loops, dependent rows are independent
+    t, y = np.array([0.2]), tree.start + 0.01 * random.standard_normal(n) * moves
+    found = []
+    here = Evaluation(made, tree.nq).find_order(0.2, y, tree.start)
+    in_parts = make_code(problem.system, tree, whole=False)
+    for one, order in ((made, None), (made, made.order), (in_parts, None), (made, here)):
+        y_dot, after, lam, guard = np.zeros(n), np.zeros(n), np.zeros(made.rows), np.zeros(2)
+        Evaluation(one, tree.nq, order).accelerate(t, y, y_dot, guard[:1]).run()
+        accelerated = y_dot.copy()
+        Evaluation(one, tree.nq, order).finish(t, y, after, y_dot, lam, guard).run()
+        found.append((accelerated, y_dot[tree.nq :], after, lam, guard))
+    for other in found[1:3]:
+        for straight, listed in zip(found[0], other, strict=True):
+            np.testing.assert_allclose(listed, straight, rtol=0.0, atol=1e-11 * max(1.0, np.max(np.abs(straight))))
+    for straight, listed in zip(found[0][:3], found[3], strict=False):
+        np.testing.assert_allclose(listed, straight, rtol=0.0, atol=1e-9 * max(1.0, np.max(np.abs(straight))))
+
+
+def test_pivots_chosen_anew_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lists are read by code that is the same for all mechanisms: compiled for one, it is there for another."""
+    monkeypatch.setattr(marching, "LEAST_PIVOT", 0.3)
+    monkeypatch.setattr(marching, "FAIR", 0.5)
+    monkeypatch.setattr(symplectic, "POOR_PIVOT", 0.99)
+
+    def run_all(name: str, parameters: dict[str, float]) -> None:
+        problem = make_problem(name, parameters)
+        solve(problem, 1e-8)
+        for solver in ("gauss_joint", "rattle_joint"):
+            out = make_solver(solver).solve(problem, StepControl(dt=0.01))
+            assert any("anew" in note for note in out.notes)
+
+    run_all("bricard", {"t_end": 1.3})
+    compiled, anew, make, choose = list[str](), list[int](), generated_code._compile, marching.Relay._choose_pivots
+
+    def watch(ir: str, machine: object) -> bytes:
+        compiled.append(ir)
+        return make(ir, machine)
+
+    def count(relay: marching.Relay) -> bool:
+        before = len(compiled)
+        found = choose(relay)
+        anew.append(len(compiled) - before)
+        return found
+
+    monkeypatch.setattr(generated_code, "_compile", watch)
+    monkeypatch.setattr(marching.Relay, "_choose_pivots", count)
+    run_all("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.4})
+    assert anew
+    assert not any(anew)
+
+
+@pytest.mark.parametrize("solver", ["dop853_joint", "gauss_joint", "rattle_joint"])
+def test_pivots_of_the_chain_last(solver: str) -> None:
+    """Its loop is closed by rows behind all others, whose pivots vanish nowhere: the first order is the only one."""
+    problem = make_problem("chain", {"t_end": 2.0})
+    control = StepControl(rtol=1e-6) if solver == "dop853_joint" else StepControl(dt=0.004)
+    out = make_solver(solver).solve(problem, control)
+    assert out.status is Status.SUCCESS
+    assert not any("anew" in note for note in out.notes)
 
 
 def test_a_run_that_the_kernel_cannot_end_says_both(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,10 +62,6 @@ class Recorded(NamedTuple):
     outputs: list[Array]
     results: list[list[int]]  # numbers on the tape, one list an output
 
-    def count_operations(self) -> int:
-        """Return how many operations are no constants and no inputs."""
-        return sum(operation.name not in ("constant", "input") for operation in self.tape.operations)
-
 
 def record_function(function: Straight | Loop) -> Recorded:
     """The operations of ``function``; ValueError on inputs that are not dense symbols."""

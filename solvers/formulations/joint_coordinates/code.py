@@ -4,14 +4,15 @@ With K = [[H, J^T], [J, 0]], its entries in one array, that of an elimination L,
 
     entries(t, y) -> K, b, q_dot          factor(K) -> L, least                solve(L, b) -> u_dot, lam
     gaps(t, y) -> b                       move(t, y, step) -> q, b, phi        conclude(y, q, step) -> y, q_dot
-    accelerate(t, y) -> y_dot, least      all of the first line, of small mechanisms
-    step(given, start, first slope) -> y, error, least: their stages in one
+    accelerate(t, y) -> y_dot, least: all of the first line in one
+    finish(t, y) -> y, y_dot, lam, guard: y projected onto its loops, accelerations at what came in
+    step(given, start, first slope) -> y, error, least: the stages of small mechanisms in one
     measure(given, start, y, sums) -> error; given are t, h, rtol
     record(t, y, y_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints, as the system has them
 
-``factor`` and ``solve`` are in the order of elimination that is found at the start. Where others are needed, they are
+The order of elimination is found at the start. Where others are needed, they are
 lists (module ``pivots``): nothing is made anew. ``least`` is the least pivot over its value where the order was found.
-y is projected onto its loops by ``gaps``, ``move`` and ``conclude``, with the factor of what came in.
+``guard`` has it and the largest phi of rows left out.
 """
 
 import hashlib
@@ -41,11 +42,13 @@ if TYPE_CHECKING:
 
 MOST_OPERATIONS = 30_000
 ACCELERATION = "entries", "factor", "solve"
+SHARED = "entries", "gaps", "move", "conclude", "record"
+IN_PARTS = "factor", "solve", "solve_rows"
 SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are written out
 
 
 MOST_LOADED = 8  # codes that a process keeps: the last ones
-_LOADED: dict[str, Code] = {}
+_LOADED: "dict[str, JointCode]" = {}
 
 
 class JointCode(NamedTuple):
@@ -57,6 +60,7 @@ class JointCode(NamedTuple):
     rows: int  # of its loops
     operations: int  # of accelerations
     entries: int  # of L
+    whole: bool  # with ``accelerate`` and ``finish``
 
     @property
     def kept(self) -> int:
@@ -70,10 +74,14 @@ class JointCode(NamedTuple):
 
 
 @making_code
-def make_code(system: MultibodySystem, tree: Tree) -> JointCode:
-    """Made, or loaded; ValueError where none can be made. Its order of elimination is found at the start."""
-    key = key_of(system, tree)
-    made = _LOADED.pop(key, None) or _load(Code(lambda: _print(system, tree, key), key))
+def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> JointCode:
+    """Made, or loaded; ValueError where none can be made. Its order of elimination is found at the start.
+
+    ``whole``: with ``accelerate`` and ``finish``, else with ``factor`` and ``solve``.
+    """
+    equations = key_of(system, tree)
+    key = f"{equations}\0{whole}"
+    made = _LOADED.pop(key, None) or _load(Code(lambda: _print(system, tree, equations, whole), key), whole)
     _LOADED[key] = made
     if len(_LOADED) > MOST_LOADED:
         del _LOADED[next(iter(_LOADED))]
@@ -94,7 +102,7 @@ def key_of(system: MultibodySystem, tree: Tree) -> str:
 ABOUT = "operations", "rows", "entries", "pairs", "variable", "ordered", "nu", "held"
 
 
-def _load(code: Code) -> JointCode:
+def _load(code: Code, whole: bool) -> JointCode:
     """Read what the code says about itself."""
     numbers = np.zeros(len(ABOUT))
     code.function("about", 1)(numbers.ctypes.data)
@@ -104,7 +112,7 @@ def _load(code: Code) -> JointCode:
     code.function("pattern", 4)(*(a.ctypes.data for a in (pairs, constants, rows, pivots)))
     pattern = Pattern(pairs.astype(np.int64), constants, about["nu"], about["held"], about["rows"])
     order = Order(rows.astype(int).tolist(), pivots.tolist(), 0)
-    return JointCode(code, pattern, order, about["rows"], about["operations"], about["entries"])
+    return JointCode(code, pattern, order, about["rows"], about["operations"], about["entries"], whole)
 
 
 def too_large(operations: int) -> str:
@@ -115,7 +123,7 @@ def too_large(operations: int) -> str:
     )
 
 
-def _print(system: MultibodySystem, tree: Tree, key: str) -> str:
+def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
     """IR of the functions, and of what they are; that alone, where they are too large."""
     import casadi as ca
 
@@ -131,10 +139,12 @@ def _print(system: MultibodySystem, tree: Tree, key: str) -> str:
         parts = Parts(system, tree, find_equations(system, tree, key))
     except NoInertia:
         return print_functions(tell(-1))
-    functions = dict(parts.functions)
-    operations = sum(record_function(functions[name]).count_operations() for name in ACCELERATION)
-    if operations <= SMALL:
-        functions["accelerate"] = parts.accelerate()
+    functions = {name: parts.functions[name] for name in (*SHARED, *(("measure",) if whole else IN_PARTS))}
+    if whole:
+        functions |= {"accelerate": parts.accelerate(), "finish": parts.finish()}
+    evaluated = ("accelerate",) if whole else ACCELERATION
+    operations = sum(len(record_function(functions[name]).tape.operations) for name in evaluated)
+    if whole and operations <= SMALL:
         functions["step"] = write_step(functions["accelerate"], functions["measure"])
     if operations > MOST_OPERATIONS:
         functions = {}
@@ -285,7 +295,7 @@ class Parts:
         return Straight([t, y], [ca.vertcat(q_dot, solve(L, b)[0]), ratio])
 
     def finish(self) -> "Straight":
-        """Return (t, y) -> y projected, y_dot, lam in one."""
+        """Return (t, y) -> y projected, y_dot, lam, guard in one."""
         import casadi as ca
 
         from ..generated import Straight
@@ -295,11 +305,15 @@ class Parts:
             self._call(name) for name in (*ACCELERATION, "gaps", "move", "conclude")
         )
         K, b, _ = entries(t, y)
-        L, _ = factor(K)
+        L, ratio = factor(K)
         u_dot, lam = solve(L, b)
-        q, slips, _ = move(t, y, solve(L, gaps(t, y))[0])
+        q, slips, phi = move(t, y, solve(L, gaps(t, y))[0])
         after, q_dot = conclude(y, q, solve(L, slips)[0])
-        return Straight([t, y], [after, ca.vertcat(q_dot, u_dot), lam])
+        gap = ca.SX(0)
+        for k in range(phi.numel()):
+            if self._found.first + k not in self._found.order.rows:
+                gap = ca.fmax(gap, ca.fabs(phi[k]))
+        return Straight([t, y], [after, ca.vertcat(q_dot, u_dot), lam, ca.vertcat(ratio, gap)])
 
     def _call(self, name: str) -> "ca.Function":
         import casadi as ca

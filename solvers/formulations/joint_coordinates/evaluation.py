@@ -51,7 +51,7 @@ class Evaluation:
 
     def accelerate(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, least: np.ndarray) -> Program:
         """Return the program of accelerations."""
-        if self.made.is_small and not self._lists:
+        if self.made.whole and not self._lists:
             return Program(self.step("accelerate", t, y, y_dot, least), self)
         q_dot, u_dot = np.split(y_dot, [self.nq])
         steps = self.entries(t, y, self._b, q_dot) + self.factor(least) + self.solve(self._b, u_dot, self._lam)
@@ -61,6 +61,8 @@ class Evaluation:
         self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
     ) -> Program:
         """Return the program of y projected, with accelerations and ``lam`` at what came in; pivots and gap."""
+        if self.made.whole and not self._lists:
+            return Program(self.step("finish", t, y, after, y_dot, lam, guard), self)
         q_dot, u_dot = np.split(y_dot, [self.nq])
         q, step, phi, gaps = np.zeros(self.nq), np.zeros(len(u_dot)), np.zeros(self.made.rows), self._rhs
         steps = self.entries(t, y, self._b, q_dot) + self.factor(guard[:1]) + self.solve(self._b, u_dot, lam)
@@ -106,7 +108,7 @@ class Evaluation:
         out = np.array([k for k in range(self.made.rows) if k not in kept], dtype=np.int64)
         return self._steps(Bound(find_gap, Gap(phi, out, gap))) if len(out) else []
 
-    def _bound(self, function: Any, **arrays: np.ndarray) -> Steps:
+    def _bound(self, function: Any, **arrays: Any) -> Steps:
         return self._steps(Bound(function, self._lists._replace(**arrays)))  # type: ignore[union-attr]
 
     def _steps(self, bound: Bound) -> Steps:

@@ -88,7 +88,7 @@ def _print(system: MultibodySystem, tree: Tree, equations: str, radial: bool) ->
     from ..generated.functions import Straight, record_function
 
     functions, rows, spins = _functions(system, tree, find_equations(system, tree, equations), radial)
-    operations = record_function(functions["stage"]).count_operations()
+    operations = len(record_function(functions["stage"]).tape.operations)
     if operations > MOST_OPERATIONS:
         functions = {}
     return print_functions({**functions, "about": Straight([], [ca.vertcat(rows, spins, operations)])})

@@ -28,12 +28,12 @@ from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
-from .code import MOST_OPERATIONS, make_code, too_large
+from .code import MOST_OPERATIONS, JointCode, make_code, too_large
 from .counting import least_operations
 from .elimination import Order
 from .evaluation import Evaluation
 from .pivots import LostRank
-from .tree import spanning_tree
+from .tree import Tree, spanning_tree
 
 LEAST_PIVOT, LEAST_IN_STAGES = 3e-6, 1e-8  # over its value at the start: where a step is projected, and before
 LOW = 3e-3  # the same: a singular position may be near
@@ -204,6 +204,8 @@ def _add_errors(s: Any) -> None:
 class Marcher:
     """The code of a problem's mechanism at work; ValueError where none can be made."""
 
+    tree: Tree
+    code: JointCode
     _room: tuple[Record, Bound] | None = None
 
     def __init__(

@@ -182,7 +182,8 @@ def solve_by_lists(s: Any) -> None:
 
 def solve_rows_by_lists(s: Any) -> None:
     """The same for rows alone, which begin ``b`` here."""
-    clear(s.x)
+    for k in range(s.ahead, len(s.value)):
+        s.x[s.row[s.start[k]]] = 0.0
     for k in range(len(s.lam)):
         s.x[s.first + k] = s.b[k]
     _substitute(s, s.ahead)

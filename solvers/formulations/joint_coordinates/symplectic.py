@@ -3,7 +3,7 @@
 A step by a ``Tableau`` finds q_dot, p_dot of its stages and lam of its rows in sweeps: each stage by the newest of the
 others, then lam of all nodes by one step of a simplified Newton method,
 
-    (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step, where velocities are closed,
+    (C x S) d lam = phi / h^2,   C = a_node a_row,   S = G H^-1 G^T at the start of the step,
 
 until only rounding changes. The first estimate extrapolates steps before. q and p are summed with compensation (Kahan).
 Where pivots are poor at the end of a step, another order of elimination goes on with the same q and p.
@@ -315,7 +315,7 @@ class Closing:
         """Return the program of S^-1 rows."""
         loops, radial = (np.split(x, [self._evaluation.made.rows]) for x in (rows, solved))
         steps = self._evaluation.solve_rows(loops[0], radial[0])
-        return Program([*steps, self._step("soften", loops[1], radial[1])], self)
+        return Program([*steps, *([self._step("soften", loops[1], radial[1])] if len(loops[1]) else [])], self)
 
     def _factor(self, t: np.ndarray, z: np.ndarray) -> Steps:
         e, variable = self._evaluation, self._evaluation.made.pattern.variable
@@ -333,13 +333,15 @@ class Closing:
 class Marcher(marching.Marcher):
     """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
 
+    hamilton: HamiltonCode
+
     def __init__(
         self, problem: Problem, state: np.ndarray, tableau: Tableau, before: "Marcher | None" = None,
         chosen: Order | None = None, *, radial: bool,
     ) -> None:  # fmt: skip
         """From the start, or from where the one ``before`` stands, by the order of elimination ``chosen`` there."""
         system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
-        self.tree, self.code = tree, before.code if before else make_code(system, tree)
+        self.tree, self.code = tree, before.code if before else make_code(system, tree, whole=False)
         own = before.hamilton if before else make_hamilton_code(system, tree, radial=radial)
         self.evaluation = Evaluation(self.code, tree.nq, chosen)
         self.hamilton, self.tableau, self.radial = own, tableau, radial
