@@ -5,14 +5,13 @@ With K = [[H, J^T], [J, 0]], its entries in one array, that of an elimination L,
     entries(t, y) -> K, b, q_dot          factor(K) -> L, least                solve(L, b) -> u_dot, lam
     gaps(t, y) -> b                       move(t, y, step) -> q, b, phi        conclude(y, q, step) -> y, q_dot
     accelerate(t, y) -> y_dot, least: all of the first line in one
-    finish(t, y) -> y, y_dot, lam, guard: y projected onto its loops, accelerations at what came in
     step(given, start, first slope) -> y, error, least: the stages of small mechanisms in one
     measure(given, start, y, sums) -> error; given are t, h, rtol
     record(t, y, y_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints, as the system has them
 
 The order of elimination is found at the start. Where others are needed, they are
 lists (module ``pivots``): nothing is made anew. ``least`` is the least pivot over its value where the order was found.
-``guard`` has it and the largest phi of rows left out.
+y is projected onto its loops by ``gaps``, ``move`` and ``conclude``, with the factor of what came in.
 """
 
 import hashlib
@@ -42,8 +41,7 @@ if TYPE_CHECKING:
 
 MOST_OPERATIONS = 30_000
 ACCELERATION = "entries", "factor", "solve"
-SHARED = "entries", "gaps", "move", "conclude", "record"
-IN_PARTS = "factor", "solve", "solve_rows"
+SHARED = *ACCELERATION, "gaps", "move", "conclude", "record"
 SMALL = 700  # operations of ``accelerate`` up to which the stages of a step are written out
 
 
@@ -60,7 +58,7 @@ class JointCode(NamedTuple):
     rows: int  # of its loops
     operations: int  # of accelerations
     entries: int  # of L
-    whole: bool  # with ``accelerate`` and ``finish``
+    whole: bool  # with ``accelerate`` in one
 
     @property
     def kept(self) -> int:
@@ -77,7 +75,7 @@ class JointCode(NamedTuple):
 def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> JointCode:
     """Made, or loaded; ValueError where none can be made. Its order of elimination is found at the start.
 
-    ``whole``: with ``accelerate`` and ``finish``, else with ``factor`` and ``solve``.
+    ``whole``: with ``accelerate`` in one, else with ``solve_rows``.
     """
     equations = key_of(system, tree)
     key = f"{equations}\0{whole}"
@@ -139,9 +137,9 @@ def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
         parts = Parts(system, tree, find_equations(system, tree, key))
     except NoInertia:
         return print_functions(tell(-1))
-    functions = {name: parts.functions[name] for name in (*SHARED, *(("measure",) if whole else IN_PARTS))}
+    functions = {name: parts.functions[name] for name in (*SHARED, "measure" if whole else "solve_rows")}
     if whole:
-        functions |= {"accelerate": parts.accelerate(), "finish": parts.finish()}
+        functions["accelerate"] = parts.accelerate()
     evaluated = ("accelerate",) if whole else ACCELERATION
     operations = sum(len(record_function(functions[name]).tape.operations) for name in evaluated)
     if whole and operations <= SMALL:
@@ -295,7 +293,7 @@ class Parts:
         return Straight([t, y], [ca.vertcat(q_dot, solve(L, b)[0]), ratio])
 
     def finish(self) -> "Straight":
-        """Return (t, y) -> y projected, y_dot, lam, guard in one."""
+        """Return (t, y) -> y projected, y_dot, lam in one."""
         import casadi as ca
 
         from ..generated import Straight
@@ -305,15 +303,11 @@ class Parts:
             self._call(name) for name in (*ACCELERATION, "gaps", "move", "conclude")
         )
         K, b, _ = entries(t, y)
-        L, ratio = factor(K)
+        L, _ = factor(K)
         u_dot, lam = solve(L, b)
-        q, slips, phi = move(t, y, solve(L, gaps(t, y))[0])
+        q, slips, _ = move(t, y, solve(L, gaps(t, y))[0])
         after, q_dot = conclude(y, q, solve(L, slips)[0])
-        gap = ca.SX(0)
-        for k in range(phi.numel()):
-            if self._found.first + k not in self._found.order.rows:
-                gap = ca.fmax(gap, ca.fabs(phi[k]))
-        return Straight([t, y], [after, ca.vertcat(q_dot, u_dot), lam, ca.vertcat(ratio, gap)])
+        return Straight([t, y], [after, ca.vertcat(q_dot, u_dot), lam])
 
     def _call(self, name: str) -> "ca.Function":
         import casadi as ca

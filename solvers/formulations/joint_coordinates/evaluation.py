@@ -61,8 +61,6 @@ class Evaluation:
         self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
     ) -> Program:
         """Return the program of y projected, with accelerations and ``lam`` at what came in; pivots and gap."""
-        if self.made.whole and not self._lists:
-            return Program(self.step("finish", t, y, after, y_dot, lam, guard), self)
         q_dot, u_dot = np.split(y_dot, [self.nq])
         q, step, phi, gaps = np.zeros(self.nq), np.zeros(len(u_dot)), np.zeros(self.made.rows), self._rhs
         steps = self.entries(t, y, self._b, q_dot) + self.factor(guard[:1]) + self.solve(self._b, u_dot, lam)

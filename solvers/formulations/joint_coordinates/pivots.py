@@ -137,9 +137,12 @@ def make_lists(pattern: Pattern, order: Order, K: np.ndarray) -> Lists:
           ((rank.get(k, nothing), rank.get(row, nothing)) for k, row in pattern.pairs.tolist())]  # fmt: skip
     source = np.flatnonzero(np.array(at, dtype=np.int64) >= 0)
     ahead = next((a for a, k in enumerate(order.rows) if k >= pattern.first), n)
-    whole = [np.array(x, dtype=np.int64) for x in (start, rows, [place[pair] for pair in update])]
+    columns, of_places, updates = (
+        np.array(x, dtype=np.int64) for x in (start, rows, [place[pair] for pair in update])
+    )  # fmt: skip
+    W, L = np.zeros((2, len(rows)))
     return Lists(
-        K, source, np.array(at, dtype=np.int64)[source], *whole, np.array(order.pivots), *np.zeros((2, len(rows))),
+        K, source, np.array(at, dtype=np.int64)[source], columns, of_places, updates, np.array(order.pivots), W, L,
         np.zeros(1), np.zeros(pattern.nu + pattern.rows), np.zeros(size), np.zeros(pattern.nu), np.zeros(pattern.rows),
         pattern.first, ahead,
     )  # fmt: skip
