@@ -175,15 +175,18 @@ def test_singular_positions_are_passed_by_code_at_every_tolerance(name: str, par
     """A passage costs a few steps and no order: errors fall as rtol^(8/9), the power of the pair, or faster, within two
     standard errors of the fit.
 
-    How much an error grows until the end differs with where it is made, a thousandfold on the grid: runs scatter.
+    How much an error grows until the end differs with where it is made, a thousandfold on the grid: runs scatter. So do
+    rejections: with tolerances that differ by 1e-9 of themselves they are 14 to 28 in 100 steps of the grid.
     """
     problem, rtols = make_problem(name, parameters), 10.0 ** -np.arange(6.0, 10.1, 0.5)
-    errors = []
+    errors, counts = [], []
     for rtol in rtols:
         out = solve(problem, rtol)
         check_energy(problem, out, rtol)
-        assert out.counters["rejected"] < out.counters["steps"] / 4
+        counts.append((out.counters["rejected"], out.counters["steps"]))
         errors.append(error(problem, out))
+    rejected, steps = np.sum(counts, axis=0)
+    assert rejected < steps / 5
     (slope, _), spread = np.polyfit(np.log10(rtols), np.log10(errors), 1, cov=True)
     assert np.sqrt(spread[0, 0]) < 0.15
     assert slope > 8.0 / 9.0 - 2.0 * np.sqrt(spread[0, 0])
