@@ -69,7 +69,7 @@ class Place:
     def kind(self) -> str:
         """``a file``, ``a folder``, ``a link`` and so on; empty where there is nothing."""
         try:
-            with self.parent._open_folder() as above:
+            with self.parent.open_folder() as above:
                 return _kind(above, self.name) if self.parts else "a folder"
         except (FileNotFoundError, NotADirectoryError):  # the latter of the results folder alone: it is a file
             return ""
@@ -91,19 +91,19 @@ class Place:
     def names(self) -> list[str]:
         """The names in this folder, sorted; none where there is no such folder."""
         try:
-            with self._open_folder() as here:
+            with self.open_folder() as here:
                 return sorted(os.listdir(here))
         except FileNotFoundError:
             return []
 
     def make(self) -> None:
         """Make this folder and those above it, up to the results folder, which must be there."""
-        with self._open_folder(make=True):
+        with self.open_folder(make=True):
             pass
 
     def open_file(self, flags: int = os.O_RDONLY) -> BinaryIO:
         """The file, opened with ``flags``; NotOwn for anything else than a regular file."""
-        with self.parent._open_folder() as above:
+        with self.parent.open_folder() as above:
             return self._open_in(above, flags)
 
     def _open_in(self, above: int, flags: int) -> BinaryIO:
@@ -129,7 +129,7 @@ class Place:
     def contents(self, largest: int) -> Iterator[tuple[str, bytes | OSError]]:
         """Each name in this folder that begins with no dot, sorted, with the content of the file or why it has none."""
         names = [name for name in self.names() if not name.startswith(".")]
-        with self._open_folder() as here:
+        with self.open_folder() as here:
             for name in names:
                 place = self / name
                 try:
@@ -152,7 +152,7 @@ class Place:
         disk then, which takes milliseconds; what can be made again need not be.
         """
         partial = partial_name(self.name, os.getpid())
-        with self.parent._open_folder(make=True) as above:
+        with self.parent.open_folder(make=True) as above:
             if (kind := _kind(above, self.name)) not in ("", "a file"):
                 raise self._refuse(kind)
             with self._create(partial, above) as file:
@@ -174,7 +174,7 @@ class Place:
 
     def open_new(self) -> BinaryIO:
         """A new, empty file in place of an old one; what is written is appended."""
-        with self.parent._open_folder(make=True) as above:
+        with self.parent.open_folder(make=True) as above:
             if (kind := _kind(above, self.name)) not in ("", "a file"):
                 raise self._refuse(kind)
             return self._create(self.name, above, os.O_APPEND)
@@ -182,7 +182,7 @@ class Place:
     def remove_file(self, *, missing_ok: bool = False) -> None:
         """Remove the file, or whatever has its name, a folder with all in it; a link goes, not what it leads to."""
         try:
-            with self.parent._open_folder() as above:
+            with self.parent.open_folder() as above:
                 if _kind(above, self.name) == "a folder":
                     shutil.rmtree(self.name, dir_fd=above)
                 else:
@@ -194,16 +194,16 @@ class Place:
     def remove_folder(self) -> None:
         """Remove this folder, if it is there, and all in it; links in it go, not what they lead to."""
         if self.is_folder():
-            with self.parent._open_folder() as above:
+            with self.parent.open_folder() as above:
                 shutil.rmtree(self.name, dir_fd=above)
 
     def move_to(self, target: "Place") -> None:
         """Rename whatever has this name to ``target``, whose folder is made."""
-        with self.parent._open_folder() as here, target.parent._open_folder(make=True) as there:
+        with self.parent.open_folder() as here, target.parent.open_folder(make=True) as there:
             os.rename(self.name, target.name, src_dir_fd=here, dst_dir_fd=there)
 
     @contextmanager
-    def _open_folder(self, *, make: bool = False) -> Iterator[int]:
+    def open_folder(self, *, make: bool = False) -> Iterator[int]:
         """A descriptor of this folder."""
         at = os.open(self.root, FOLDER)
         try:

@@ -43,9 +43,9 @@ def remove(folder: Path) -> bool:
     """Remove the results; False, and nothing is touched, where a command is writing into them."""
     with contextlib.ExitStack() as held:
         try:
-            for name in (store.LOCK, store.IN_USE):
-                held.enter_context(store.lock(folder, name))
-        except FileError:
+            held.enter_context(store.lock(folder))
+            held.enter_context(store.in_use(folder, alone=True))
+        except (FileError, OSError):
             return False
         (Place(folder.parent) / folder.name).remove_folder()
     return True
@@ -54,12 +54,12 @@ def remove(folder: Path) -> bool:
 def is_written(folder: Path) -> bool:
     """Whether a command is writing into the results."""
     try:
-        for name in (store.LOCK, store.IN_USE):
-            if (Place(folder) / name).is_own_file():
-                store.lock(folder, name).close()
-    except FileError:
+        if (Place(folder) / store.LOCK).is_own_file():
+            store.lock(folder).close()
+        with store.in_use(folder, alone=True):
+            return False
+    except (FileError, OSError):
         return True
-    return False
 
 
 def files_in(folder: Path) -> Iterator[os.DirEntry[str]]:

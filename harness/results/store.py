@@ -30,10 +30,9 @@ LARGEST = 2**22  # [bytes] of a record's file: a hundred times the longest
 NATIVE = 2**20  # [bytes] of a standard error, which runs leave trimmed
 LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
-LOCK, IN_USE = ".lock", ".in_use"  # held by the one command that makes runs, and by those that add pages and verdicts
+LOCK = ".lock"  # held by the one command that makes runs
 OTHERS = (
     LOCK,
-    IN_USE,
     ".spool",
     "environment.json",
     "judgement",
@@ -117,12 +116,12 @@ def create(folder: Path) -> Path:
     return folder
 
 
-def lock(folder: Path, name: str = LOCK) -> BinaryIO:
+def lock(folder: Path) -> BinaryIO:
     """Hold the folder for one runner; the lock goes with the returned file or the process."""
     try:
-        file = (Place(folder) / name).open_file(os.O_RDWR | os.O_CREAT)
+        file = (Place(folder) / LOCK).open_file(os.O_RDWR | os.O_CREAT)
     except OSError as error:
-        raise FileError(f"cannot lock {folder} by its file {name}: {error.strerror or error}") from None
+        raise FileError(f"cannot lock {folder} by its file {LOCK}: {error.strerror or error}") from None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -132,12 +131,15 @@ def lock(folder: Path, name: str = LOCK) -> BinaryIO:
 
 
 @contextlib.contextmanager
-def in_use(folder: Path) -> Iterator[None]:
-    """Mark the folder as one that a command adds to, beside others: ``clean`` leaves it. No effect if read-only."""
+def in_use(folder: Path, *, alone: bool = False) -> Iterator[None]:
+    """Hold the folder itself, beside other commands that add pages and verdicts to it, or ``alone``: to remove it.
+
+    OSError if it is not to be had alone; a folder that cannot be held beside others is used as it is.
+    """
     with contextlib.ExitStack() as held:
-        with contextlib.suppress(OSError):
-            file = held.enter_context((Place(folder) / IN_USE).open_file(os.O_RDWR | os.O_CREAT))
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        with contextlib.nullcontext() if alone else contextlib.suppress(OSError):
+            descriptor = held.enter_context(Place(folder).open_folder())
+            fcntl.flock(descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
         yield
 
 

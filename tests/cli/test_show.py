@@ -141,7 +141,7 @@ def test_a_run_on_a_terminal_shows_what_is_left_and_the_worst_drift(tmp_path):
     code, text = in_terminal("run", "s.toml", "--jobs", "1", width=80, where=tmp_path)
     assert code == 0 and "\x1b[" in text
     lines = seen(text)
-    assert any("of 4, about" in line and "left" in line and "━" in line for line in lines)
+    assert any("of 4 runs, " in line and " % of the work, about " in line and "━" in line for line in lines)
     assert any(line.startswith("worst drift: ") and "lift=0.01" in line for line in lines)
     assert any(" of about " in line and "sleeps" in line for line in lines)
     assert all(cell_len(line) <= 80 for line in lines if "━" in line or line.startswith((" ", "worst")))

@@ -204,6 +204,10 @@ ELSEWHERE = {
     "harness/execution/solve_file.py": ("unlink", "the file that the user named, half-written"),
     "harness/referee/carried.py": ("read_text", "that of harness/files.py, of a place"),
     "harness/referee/claims/register.py": ("read_text", "the register, or the file that the user named"),
+    "harness/results/cleaning.py": (
+        "glob is_dir is_symlink iterdir scandir stat unlink",
+        "lists results/local, and our cache",
+    ),
     "harness/results/codes.py": (
         "glob is_file mkdir read_bytes read_text stat write_text",
         "our own code and plugins, and what is kept of them in our cache",
