@@ -21,7 +21,7 @@ from ..types import Status
 from .thresholds import Expectation, Threshold, Thresholds, four_digits, propose_bounds
 
 CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
-STATUS = "status"  # of a run, beside the metrics that have bounds
+STATUS, NONE = "status", "no threshold"  # of a run, beside the metrics that have bounds
 WORTH = 0.95  # of a bound: less is not worth a commit
 UNBOUNDED = "no threshold for this run: propose one with gate --update"
 TWICE = "two runs of the suite have this name, and one of them would not be judged"
@@ -139,7 +139,7 @@ def judge(
         if case not in bounded and wanted is Status.SUCCESS:
             ended = record.status if record else Status.SUCCESS
             words = UNBOUNDED if ended == Status.SUCCESS else NO_BOUNDS.format(ended)
-            found.append(_finding(Verdict.FAILED, case, "no threshold", words))
+            found.append(_finding(Verdict.FAILED, case, NONE, words))
         elif case in bounded and record is not None:
             needed = {b.metric for b in propose_bounds([record])} - bounded[case]
             found += [_finding(Verdict.FAILED, case, metric, UNBOUNDED) for metric in sorted(needed)]
@@ -162,7 +162,7 @@ def _list_broken(findings: Iterable[Finding]) -> set[str]:
 
 
 def _is_consequence(f: Finding, broken: Collection[str]) -> bool:
-    return f.subject in broken and f.measured.quantity != STATUS
+    return f.subject in broken and f.measured.quantity not in (STATUS, NONE)
 
 
 def tighten_bounds(

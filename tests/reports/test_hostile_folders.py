@@ -205,7 +205,7 @@ ELSEWHERE = {
     "harness/referee/carried.py": ("read_text", "that of harness/files.py, of a place"),
     "harness/referee/claims/register.py": ("read_text", "the register, or the file that the user named"),
     "harness/results/cleaning.py": (
-        "glob is_dir is_symlink iterdir scandir stat unlink",
+        "glob is_dir is_file is_symlink iterdir scandir stat unlink",
         "lists results/local, and our cache",
     ),
     "harness/results/codes.py": (

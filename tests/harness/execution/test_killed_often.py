@@ -14,6 +14,7 @@ import psutil
 import pytest
 import threadpoolctl
 
+from mbsbench.cli.keeping import series_to_keep
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.provisional import is_provisional
@@ -100,7 +101,8 @@ def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
     out, _ = start(suite, folder, "--resume").communicate(timeout=300)
     assert f"{len(kept) - len(again)} already done" in out or len(kept) == len(again), out
     assert all(done(folder)[name] == when for name, when in kept.items() if name.removesuffix(".json") not in again)
-    run_suite(Request(load_suite(str(suite)), tmp_path / "calm", 2), Silent())
+    calm = load_suite(str(suite))
+    run_suite(Request(calm, tmp_path / "calm", 2, keep=series_to_keep(calm)), Silent())
     loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
     killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
     assert len(killed) == RUNS and killed.equals(calm), killed.compare(calm).to_string()
