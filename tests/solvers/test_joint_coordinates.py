@@ -187,6 +187,7 @@ def test_singular_positions_are_passed_by_code_at_every_tolerance(name: str, par
         errors.append(error(problem, out))
     rejected, steps = np.sum(counts, axis=0)
     assert rejected < steps / 5
+    assert all(rejected < 0.3 * steps for rejected, steps in counts)
     (slope, _), spread = np.polyfit(np.log10(rtols), np.log10(errors), 1, cov=True)
     assert np.sqrt(spread[0, 0]) < 0.15
     assert slope > 8.0 / 9.0 - 2.0 * np.sqrt(spread[0, 0])
