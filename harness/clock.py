@@ -31,7 +31,8 @@ def set_keeper(pid: int) -> None:
 def cpu_seconds_of_tree() -> float:
     """``cpu_seconds``, and the time [s] of all that this process has started, in whatever session, to 10 ms each.
 
-    What ends without anybody having waited for it is not accounted by the system.
+    Finer clocks may count more of one of those: differences with them are cut at zero. What ends without anybody
+    having waited for it is not accounted by the system.
     """
     root = _keepers[-1] if _keepers else os.getpid()
     children = resource.getrusage(resource.RUSAGE_CHILDREN)

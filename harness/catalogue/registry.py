@@ -227,7 +227,7 @@ def load_plugin(plugin: Path | str) -> None:
         raise ValueError(f"plugin {where}: {error or type(error).__name__}") from error
     _plugin_files.add(where)
     code = code_seconds() - code_began
-    spent = cpu_seconds_of_tree() - began - code
+    spent = max(cpu_seconds_of_tree() - began - code, 0.0)
     _import_seconds.update({n: (spent, code) for n, _ in made})
     _plugin_solvers.update({n: e for n, e in made if isinstance(e, SolverEntry)})
     _plugin_problems.update({n: e for n, e in made if isinstance(e, ProblemEntry)})

@@ -76,6 +76,7 @@ def split_cost(claimed: Trajectory, spent: float, code: float, wall: float, solv
     set-up may hold the making of code, or not: the larger of the two is left out. Solvers of ``solvers/`` time their
     own integration; where that leaves most of the call unexplained, the call counts.
     """
+    spent = max(spent, code)  # of a finer clock
     own, set_up = float(claimed.cpu_time), float(claimed.setup_time)
     known = 0.0 if math.isnan(set_up) else set_up
     if not (math.isnan(own) or 0.0 <= own <= spent + CLOCK) or not 0.0 <= known <= max(spent, wall) + CLOCK:

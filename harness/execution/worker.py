@@ -74,7 +74,8 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
     reason = refusal(called, problem, control)
     imported, code = registry.import_seconds(getattr(type(solver), "name", ""))
     in_refuses = code_seconds_of_tree() - code_began
-    before = {"cpu_import_s": imported, "cpu_refuses_s": cpu_seconds_of_tree() - began - in_refuses}
+    asked = max(cpu_seconds_of_tree() - began - in_refuses, 0.0)
+    before = {"cpu_import_s": imported, "cpu_refuses_s": asked}
     code += in_refuses
     if reason:
         about["missing_package"] = reason.package if isinstance(reason, NotInstalled) else ""

@@ -109,6 +109,15 @@ def test_code_made_at_import_before_the_fork_is_no_code_of_the_process(monkeypat
     assert float(cost["setup_s"]) > 1e4 and float(cost["code_s"]) <= code_seconds_of_tree() < 1e4
 
 
+def test_code_that_a_finer_clock_counts_above_the_time_of_the_processes_costs_no_less_than_nothing(monkeypatch):
+    """/proc counts processes below this one by ticks, and the meter the code that they make."""
+    made = iter(float(k) for k in range(100))
+    monkeypatch.setattr(worker, "code_seconds_of_tree", lambda: next(made))
+    cost = {name: float(value) for name, value in worker.solve(*free_fall()).report.cost.items()}
+    assert cost["cpu_refuses_s"] == 0.0
+    assert min(cost.values()) >= 0.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", OURS)
 def test_no_code_is_made_in_the_time_of_a_solver_on_any_problem(tmp_path, solver):
