@@ -15,7 +15,7 @@ from typing import Any
 from mbsbench.harness.catalogue.registry import engines, make_solver
 from mbsbench.harness.mechanics.joints import KINDS
 from mbsbench.reports.model.catalogue import is_engine
-from mbsbench.reports.model.frontier import Frontier, broad, engines_first, frontiers
+from mbsbench.reports.model.frontier import EQUAL, Frontier, broad, doubt_of, engines_first, frontiers
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget
 from mbsbench.solvers.engines.export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
@@ -54,7 +54,8 @@ def _costs(f: Frontier) -> dict[str, Any]:
     return {
         "variant": f.variant, "error": f.target, "unit": f.unit, "below_reference": f.is_below_reference,
         "cheapest": first.run.record.solver, "settings": first.run.settings(), "cpu_s": first.cpu_s,
-        "spread": first.spread, "next": f.places[1].factor, "engine": engine, "reach": len(f.places),
+        "spread": first.spread, "repeats": first.run.record.repeats, "next": f.places[1].factor, "engine": engine,
+        "reach": len(f.places),
     }  # fmt: skip
 
 
@@ -112,9 +113,10 @@ def frontier_table() -> str:
     at = {(row["variant"], row["error"]): row for row in found["rows"]}
     words = (
         f"{lead}, commit {found['commit'][:8]}, {found['runs']} runs: the cheapest code for an error [m, rad] with its "
-        "CPU time and the spread (largest over least) of its repeats; over that, the next code and the cheapest of "
-        "MuJoCo, Exudyn and Pinocchio. In bold: one of these leads. –: fewer than two codes, or no engine. "
-        "≈: the spread exceeds the lead, which is not decided. †: below the stated error of the reference."
+        "CPU time and the spread (upper over lower quartile) of its repeats; over that, the next code and the cheapest "
+        "of MuJoCo, Exudyn and Pinocchio. In bold: one of these leads. –: fewer than two codes, or no engine. "
+        f"≈: the spread exceeds the lead, which is not decided: a tie if the lead is below {EQUAL:g}, else because of "
+        "the spread. †: below the stated error of the reference."
     )
     heads = [f"{error:.0e}".replace("e-0", "e-") for error in SHOWN]
     lines = [fill(words, 138), "", "| | " + " | ".join(heads) + " |", "|---" * (1 + len(SHOWN)) + "|"]
@@ -129,7 +131,8 @@ def _place(row: dict[str, Any] | None) -> str:
     engine = f"{row['engine'][1]:.2g}" if row["engine"] else "–"
     bold = "**" if row["engine"] and row["engine"][1] <= 1.0 else ""
     words = f"{bold}`{row['cheapest']}`{bold} {_time(row['cpu_s'])}, {row['spread']:.2g}; {row['next']:.2g}, {engine}"
-    marks = ("≈", row["spread"] > row["next"]), ("†", row["below_reference"])
+    doubt = doubt_of(row["spread"], row["next"])
+    marks = (f"≈ {doubt}", doubt), ("†", row["below_reference"])
     return " ".join((words, *(mark for mark, holds in marks if holds)))
 
 

@@ -2,11 +2,14 @@
 
 import inspect
 import math
+import statistics
 import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import CodeType
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..catalogue import registry
 from ..catalogue.options import format_value
@@ -15,6 +18,9 @@ from .presenting import PresentedSolver
 
 CLOCK = 0.05  # [s] by which readings of clocks may differ
 EXPLAINED = 0.5  # of the CPU time of a call without set-up, or of the first repeat
+SHORT = 0.02  # [s] of integration, below which a single timing scatters by more than codes differ
+GROUP = 1e-4  # [s] that are timed together at least: 100 times what the clock moves by (1 us)
+FEWEST = 3  # groups: fewer have no quartiles
 
 
 class Breach(TypeError):
@@ -91,6 +97,29 @@ def split_cost(claimed: Trajectory, spent: float, code: float, wall: float, solv
 def repeated_cost(times: Sequence[float]) -> Sequence[float]:
     """The repeats that count: the first alone where a later one took less than half as long, having been prepared."""
     return times if min(times) >= EXPLAINED * times[0] - CLOCK else times[:1]
+
+
+def looped_cost(times: Sequence[float], solver: object, reading: float) -> Sequence[float]:
+    """The costs [s] of a loop that count: means over groups of solves that take ``GROUP`` together.
+
+    The first solve warms up and does not count: it touches memory and code that the others find in the caches. Where
+    later ones of a plugin took less than half as long, nobody knows whether it was that or the answer was kept: the
+    first alone counts. ``reading`` [s] is what a reading of the clock adds to each solve.
+    """
+    first, later = times[0], times[1:]
+    middle = statistics.median(later)
+    if middle < EXPLAINED * first and not _is_ours(solver):
+        return [first]
+    size = max(min(math.ceil(GROUP / max(middle, reading, 1e-9)), len(later) // FEWEST), 1)
+    groups = np.reshape(later[len(later) % size :], (-1, size))
+    return [max(float(mean) - reading, 0.0) for mean in np.mean(groups, axis=1)]
+
+
+def cost_columns(times: Sequence[float], repeats: int) -> dict[str, Any]:
+    """The columns of the costs [s] that count, of ``repeats`` solves. The quartiles of three are the outer two."""
+    lower, middle, upper = (float(x) for x in np.quantile(times, [0.25, 0.5, 0.75], method="weibull"))
+    return {"repeats": repeats, "cpu_min_s": min(times), "cpu_q1_s": lower, "cpu_median_s": middle,
+            "cpu_q3_s": upper, "cpu_max_s": max(times)}  # fmt: skip
 
 
 def _is_ours(solver: object) -> bool:

@@ -30,6 +30,7 @@ from ..results.naming import format_name
 from ..shapes import Shape, convert_shape
 from ..suites.spec import RunSpec
 from ..types import Problem
+from .contract import SHORT
 from .eta import durations, in_words, schedule_end
 from .warmup import ABREAST, list_motions, runs_to_warm
 
@@ -152,7 +153,9 @@ def cost_of_run(spec: RunSpec, facts: Facts, costs: Costs) -> float:
     """Return the wall time [s] of a run on the machine of the table: process, set-up, solver, measuring."""
     measuring = costs.measure_s + _count_steps(spec, facts, costs) * at_size(costs.measure_us, facts.size) * 1e-6
     set_up = at_size(_cost_of(spec, costs).setup_s, facts.size)
-    return costs.process_s + set_up + spec.repeats * cost_of_solve(spec, facts, costs) + measuring
+    solve = cost_of_solve(spec, facts, costs)
+    loop = spec.min_time if solve < SHORT else 0.0
+    return costs.process_s + max(set_up + spec.repeats * solve, loop) + measuring
 
 
 def cost_of_solve(spec: RunSpec, facts: Facts, costs: Costs) -> float:

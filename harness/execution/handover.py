@@ -59,8 +59,8 @@ class Handover:
 
 
 COST = (
-    "repeats", "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "code_s", "cpu_import_s",
-    "cpu_refuses_s",
+    "repeats", "cpu_min_s", "cpu_q1_s", "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s", "setup_s", "code_s",
+    "cpu_import_s", "cpu_refuses_s",
 )  # fmt: skip
 HIDDEN = 1.0  # [s] of CPU, beside as much again as is accounted for: handing over takes less
 
@@ -109,7 +109,7 @@ def _with_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
     words = (
         f"its process took {spent:.3g} s of CPU time, of which its own clocks account for {inside:.3g} s: all counts"
     )
-    columns = ("cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s")
+    columns = ("cpu_min_s", "cpu_q1_s", "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s")
     return msgspec.structs.replace(
         report, cost={**report.cost, **dict.fromkeys(columns, spent)}, notes=(*report.notes, words)
     )

@@ -103,9 +103,9 @@ def _salvage(job: Job, problem: Problem, bare: RunRecord) -> Outcome:
     trajectory = read_spool(job.spool, problem, Status(bare.status), bare.message)
     if trajectory is None:
         return Outcome(bare, problem)
-    names = ("claimed", "ended_by", "ended_limit_s", "exit_code", "signal", "setup_s", "cpu_min_s", "cpu_median_s",
-             "cpu_max_s", "cpu_call_s", "code_s", "cpu_process_s", "wall_s", "peak_memory_MB", "paper_label",
-             "declared_order")  # fmt: skip
+    names = ("claimed", "ended_by", "ended_limit_s", "exit_code", "signal", "setup_s", "cpu_min_s", "cpu_q1_s",
+             "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s", "code_s", "cpu_process_s", "wall_s",
+             "peak_memory_MB", "paper_label", "declared_order")  # fmt: skip
     record, measured = judge_motion(job, problem, trajectory, **{name: getattr(bare, name) for name in names})
     return Outcome(record, problem, trajectory, measured)
 

@@ -13,8 +13,8 @@ import scipy.sparse.linalg
 import scipy.spatial.transform  # noqa: F401
 
 from ..catalogue import registry
-from ..clock import cpu_seconds_of_tree
-from ..code_meter import code_seconds_of_tree, listen_to_numba, settle
+from ..clock import cpu_seconds, cpu_seconds_of_others, cpu_seconds_of_tree
+from ..code_meter import code_seconds_of_tree, listen_to_numba, settle, solver_seconds
 from ..files import exact
 from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
@@ -22,12 +22,27 @@ from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool
 from ..types import EndedBy, NotInstalled, Problem, Solver, Status, StepControl, Trajectory
 from . import handover
-from .contract import Cost, check_trajectory, raised_at, refusal, repeated_cost, split_cost
+from .contract import (
+    FEWEST,
+    SHORT,
+    Cost,
+    check_trajectory,
+    cost_columns,
+    looped_cost,
+    raised_at,
+    refusal,
+    repeated_cost,
+    split_cost,
+)  # fmt: skip
 from .handover import Handover, SolverReport
 from .job import Job, first_line
 from .presenting import PresentedSolver, present_solver
 
 SOFT = 0.9  # of the limit on CPU time: there a solver is asked to stop itself and to hand back what it has
+
+MOST = 1000  # solves of a loop: their median is known to 4 % of a standard deviation
+WAITED = 5.0  # wall time of a loop over its CPU time: a solver may wait for other processes
+READINGS = 1000  # of the clock, to time one
 
 FIRST = "repeats after the first took less than half its CPU time, as if prepared by it: the first alone counts"
 
@@ -61,10 +76,10 @@ def _attempt(job: Job, soft: float, made: list[Solver], problem: Problem | None)
     limit = None if math.isinf(spec.cpu_limit) else soft * spec.cpu_limit
     control = dataclasses.replace(spec.control, cpu_limit=limit, spool=FileSpool(job.spool))
     made.append(solver := registry.make_solver(spec.solver, spec.options))
-    return solve(problem, solver, control, spec.repeats)
+    return solve(problem, solver, control, spec.repeats, spec.min_time)
 
 
-def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int = 1) -> Handover:
+def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int = 1, min_time: float = 0.0) -> Handover:
     """Ask the solver, solve; no trajectory where it refuses."""
     listen_to_numba()  # before any clock: it may import numba
     began, code_began = cpu_seconds_of_tree(), code_seconds_of_tree()
@@ -82,7 +97,7 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
         cost = {**before, "code_s": min(code, code_seconds_of_tree())}
         return Handover(SolverReport(claimed=Status.REFUSED, message=str(reason), cost=_exact(cost), **about), None)
     settle()  # after imports and ``refuses`` of plugins
-    trajectory, cost = solve_repeatedly(called, problem, control, repeats)
+    trajectory, cost = solve_repeatedly(called, problem, control, repeats, min_time)
     cost["setup_s"] += sum(before.values()) + code
     cost["code_s"] = min(cost["code_s"] + code, code_seconds_of_tree())  # a fork finds what its parent has imported
     if cost.pop("left_out"):
@@ -99,35 +114,51 @@ def _exact(cost: dict[str, float]) -> dict[str, float | str]:
 
 
 def solve_repeatedly(
-    solver: Solver | PresentedSolver, problem: Problem, control: StepControl, repeats: int
+    solver: Solver | PresentedSolver, problem: Problem, control: StepControl, repeats: int, min_time: float = 0.0
 ) -> tuple[Trajectory, dict[str, float]]:
     """The first trajectory and the cost columns. Repeats stop when the next would pass the limit on CPU time.
 
     The first one counts. Later ones that take less than half of its time were prepared by it, and do not. Making code
     counts in ``code_s`` and ``setup_s`` alone.
+
+    Where integration takes less than ``SHORT``, all calls together take ``min_time`` [s], and ``looped_cost`` counts.
     """
     listen_to_numba()
     first, cost = _solve_timed(solver, problem, control)
     control = dataclasses.replace(control, spool=None)
     times, longest = [cost.integration], cost.call
-    used = longest
-    while len(times) < repeats and first.status is Status.SUCCESS:
+    used, began = longest, time.monotonic()
+    loops = min_time > 0.0 and cost.integration < SHORT
+    fewest = max(repeats, 1 + FEWEST) if loops else repeats
+    while first.status is Status.SUCCESS:
+        more = loops and used < min_time and len(times) < MOST and time.monotonic() - began < WAITED * min_time
+        if len(times) >= fewest and not more:
+            break
         if control.cpu_limit is not None and used + longest > control.cpu_limit:
             break
         times.append((again := _solve_timed(solver, problem, control)[1]).integration)
         used += again.call
-    counted = repeated_cost(times)
-    cpu = {"cpu_min_s": min(counted), "cpu_median_s": float(np.median(counted)), "cpu_max_s": max(counted)}
+    looped = loops and len(times) > FEWEST
+    counted = looped_cost(times, solver, _reading_seconds()) if looped else repeated_cost(times)
+    alone = len(counted) == 1 < len(times)
     return first, {
-        "repeats": len(counted), **cpu, "cpu_call_s": cost.call, "setup_s": cost.set_up, "code_s": cost.code,
-        "cpu_inside_s": cpu_seconds_of_tree(), "left_out": len(times) - len(counted),
+        **cost_columns(counted, 1 if alone else len(times) - looped), "cpu_call_s": cost.call, "setup_s": cost.set_up,
+        "code_s": cost.code, "cpu_inside_s": cpu_seconds_of_tree(), "left_out": alone,
     }  # fmt: skip
+
+
+def _reading_seconds() -> float:
+    """CPU time [s] of a reading of the solvers' clock: what lies between two of them contains that of one."""
+    began = cpu_seconds()
+    for _ in range(READINGS):
+        solver_seconds()
+    return (cpu_seconds() - began) / READINGS
 
 
 def _solve_timed(solver: Solver | PresentedSolver, problem: Problem, control: StepControl) -> tuple[Trajectory, Cost]:
     """A trajectory, and what its call cost, of all that took part."""
-    before, code, began = cpu_seconds_of_tree(), code_seconds_of_tree(), time.monotonic()
+    others, code, began, before = cpu_seconds_of_others(), code_seconds_of_tree(), time.monotonic(), cpu_seconds()
     found = solver.solve(problem, control)
-    code = code_seconds_of_tree() - code
-    spent, wall = cpu_seconds_of_tree() - before, time.monotonic() - began
+    spent, wall = cpu_seconds() - before, time.monotonic() - began
+    code, spent = code_seconds_of_tree() - code, spent + cpu_seconds_of_others() - others
     return (trajectory := check_trajectory(found, solver, problem)), split_cost(trajectory, spent, code, wall, solver)

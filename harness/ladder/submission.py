@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
 from ..execution import handover
-from ..execution.contract import repeated_cost
+from ..execution.contract import cost_columns, repeated_cost
 from ..execution.handover import LARGEST, Handover, SolverReport
 from ..execution.job import GRACE, Job, cut_short, record_unfinished
 from ..execution.measuring import Outcome, judge_handover
@@ -197,12 +196,7 @@ def _measure(run: _Run) -> RunRecord:
     problem = _problem(job)
     trim(job.stderr)
     cpu = repeated_cost([e.cpu for e in run.ended])  # later ones may have been prepared by the first
-    cost: dict[str, Any] = {
-        "cpu_min_s": min(cpu),
-        "cpu_median_s": float(np.median(cpu)),
-        "cpu_max_s": max(cpu),
-        "repeats": len(cpu),
-    }
+    cost: dict[str, Any] = cost_columns(cpu, len(cpu))
     bare = replace(record_unfinished(job, ended, math.nan, EndedBy.WALL_LIMIT, SLACK * CPU_LIMIT), **cost)
     outcome = Outcome(replace(bare, section=problem.section, t_end_s=problem.t_end), problem)
     try:

@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
 
-import numpy as np
-
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
+from ..execution.contract import cost_columns
 from ..execution.presenting import present_solver
 from ..execution.worker import solve_repeatedly
 from ..results import store
@@ -91,6 +90,6 @@ def _time_apart(
 def _replace_times(r: RunRecord, times: Sequence[float], runs: int) -> RunRecord:
     note = f"CPU times: {len(times)} turns in one process, {runs} runs of the problem in turns"
     return dataclasses.replace(
-        r, repeats=len(times), cpu_min_s=min(times), cpu_median_s=float(np.median(times)), cpu_max_s=max(times),
+        r, **cost_columns(times, len(times)),
         notes=json.dumps([*(n for n in json.loads(r.notes) if not n.startswith("CPU times: ")), note]),
     )  # fmt: skip

@@ -14,9 +14,9 @@ from .records import COLUMNS, RunRecord
 from .store import newest
 
 NOT_COMPARED = {
-    "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB",
-    "code_s", "cpu_import_s", "cpu_refuses_s", "cpu_process_s", "repeats", "cpu_limit_s", "wall_limit_s",
-    "memory_limit_MB", "max_steps", "series_rows", "signal", "exit_code", "schema", "dt_s", "rtol",
+    "cpu_min_s", "cpu_q1_s", "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s",
+    "peak_memory_MB", "code_s", "cpu_import_s", "cpu_refuses_s", "cpu_process_s", "repeats", "cpu_limit_s",
+    "wall_limit_s", "memory_limit_MB", "max_steps", "series_rows", "signal", "exit_code", "schema", "dt_s", "rtol",
     "max_step_s", "t_end_s",
 }  # fmt: skip
 METRICS = tuple(c.name for c in COLUMNS if c.type in (float, int) and c.name not in NOT_COMPARED)

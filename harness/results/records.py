@@ -156,8 +156,12 @@ class RunRecord:
 
     # cost
     repeats: int = column("times the solve was run and its cost counts; the motion is that of the first", 0)
-    cpu_min_s: float = column("CPU time of the call without set-up, least of the repeats")
+    cpu_min_s: float = column(
+        "CPU time of the call without set-up, least of the repeats; in a loop, of groups of them that take 0.1 ms"
+    )
+    cpu_q1_s: float = column("lower quartile of the repeats, of three the least; NaN if older than this column")
     cpu_median_s: float = column("median of the repeats")
+    cpu_q3_s: float = column("upper quartile of the repeats, of three the largest; NaN if older than this column")
     cpu_max_s: float = column("largest of the repeats")
     cpu_call_s: float = column(
         "CPU time of the first call as a whole, with all processes that took part: set-up included, code_s left out"
@@ -222,6 +226,13 @@ def judged_own(record: RunRecord) -> float:
     if not math.isnan(known):
         return known
     return min(record.reference_own_error_m, PREDICTABLE * (length if length > 0.0 else 1.0))
+
+
+def cpu_range(record: RunRecord) -> tuple[float, float]:
+    """Quartiles of the repeats' CPU time [s], which more repeats do not move apart; of older records the extremes."""
+    if math.isnan(record.cpu_q1_s):
+        return record.cpu_min_s, record.cpu_max_s
+    return record.cpu_q1_s, record.cpu_q3_s
 
 
 def to_json(record: RunRecord) -> str:

@@ -8,6 +8,8 @@
     total_limit = 900.0         # [s] all runs together: those under way are then ended (unfinished), others left out
     [defaults]                  # any key of a group; of this file alone
     cpu_limit = 60.0           # [s] a run
+    repeats = 3                 # of each solve, for its cost
+    min_time = 0.2              # [s] of CPU for which a solve of less than 20 ms is repeated
     [[runs]]
     label = "recommended"
     problem = "spherical_pendulum"              # or a list
@@ -50,6 +52,7 @@ class Defaults(Shape, frozen=True, kw_only=True):
     cpu_limit: Seconds | None = None
     memory: Megabytes | None = None
     repeats: Repeats | None = None
+    min_time: Seconds | None = None
 
 
 class Group(Defaults, frozen=True, kw_only=True):

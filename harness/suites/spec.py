@@ -29,6 +29,7 @@ class RunSpec:
     cpu_limit: float = DEFAULT_CPU_LIMIT  # [s]
     memory: float = DEFAULT_MEMORY  # [MB]
     repeats: int = 1
+    min_time: float = 0.0  # [s] of CPU for which a solve of less than 20 ms is repeated
     label: str = ""
 
     @property
@@ -38,7 +39,7 @@ class RunSpec:
 
     def address(self, code: str) -> str:
         """Digest of the settings, the limits and the code: equal only if the result would be."""
-        limits = {"cpu_limit": float(self.cpu_limit), "memory": float(self.memory), "repeats": self.repeats}
+        limits = {name: float(getattr(self, name)) for name in ("cpu_limit", "memory", "repeats", "min_time")}
         return _digest({**self._settings(), **limits, "code": code})
 
     @property

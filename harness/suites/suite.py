@@ -22,7 +22,7 @@ from .includes import Source, path_of, read_source, source, with_included
 from .shape import Defaults, Group, Names, Tables
 from .spec import RunSpec, make_spec
 
-LIMITS = ("cpu_limit", "memory", "repeats", "label")
+LIMITS = ("cpu_limit", "memory", "repeats", "min_time", "label")
 CONTROL = ("dt", "rtol", "max_step", "max_steps")
 
 

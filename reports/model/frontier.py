@@ -5,19 +5,24 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
+from ...harness.results.records import cpu_range
 from .accuracy import Measure, measure_for
 from .catalogue import is_engine
 from .results import Results, Run, Variant, by_solver, group_by, text_of
 from .variants import presentation
-from .words import decade, mark, number, seconds
+from .words import decade, mark, number, plural, seconds
 
 TARGETS = tuple(10.0**-k for k in range(1, 12))  # in the unit of the problem's error
 SOUND = ("success", "inaccurate")
 LEAST = 2  # solvers that reach a target: fewer are no comparison
 ASKED = "1 mm"
+EQUAL = 1.1  # factor below which CPU times are equal: where code lies in memory moves them as far (Mytkowicz 2009)
 UNITS = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm")), "rad": ((1.0, "rad"),)}
+
+
+Doubt = Literal["", "tie", "spread"]
 
 
 @dataclass(frozen=True)
@@ -31,9 +36,9 @@ class Place:
 
     @property
     def spread(self) -> float:
-        """Largest CPU time of the run's repeats over the least."""
-        r = self.run.record
-        return r.cpu_max_s / r.cpu_min_s if r.cpu_min_s > 0.0 else math.nan
+        """Upper over lower quartile of the CPU times of the run's repeats."""
+        low, high = cpu_range(self.run.record)
+        return high / low if low > 0.0 else math.nan
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,29 @@ class Frontier:
     def is_led_by_engine(self) -> bool:
         """Whether the cheapest is other people's code."""
         return is_engine(self.places[0].run.record.solver)
+
+    @property
+    def doubt(self) -> Doubt:
+        """Why it is not decided who is the cheapest."""
+        return doubt_of(self.places[0].spread, self.places[1].factor)
+
+    @property
+    def doubt_words(self) -> str:
+        """The same with its numbers; empty where it is decided."""
+        best, after = self.places[:2]
+        first, second, lead = best.run.record.solver, after.run.record.solver, number(after.factor, 3)
+        spread = f"{number(best.spread, 3)} (quartiles of {plural(best.run.record.repeats, 'repeat')})"
+        match self.doubt:
+            case "tie":
+                return f"a tie: {second} takes {lead} times as long as {first}, whose CPU times spread by {spread}"
+            case "spread":
+                return f"the CPU times of {first} spread by {spread}, more than the {lead} times that {second} takes"
+        return ""
+
+
+def doubt_of(spread: float, lead: float) -> Doubt:
+    """Undecided where the cheapest's ``spread`` exceeds its ``lead``; with a lead below ``EQUAL`` it is a tie."""
+    return "" if not spread > lead else "tie" if lead < EQUAL else "spread"
 
 
 def frontiers(results: Results) -> list[Frontier]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...harness.places import Place
+from ...harness.results.records import cpu_range
 from ...harness.results.shadows import SYMPLECTIC
 from ...harness.results.words import judged_error
 from . import words
@@ -30,8 +31,8 @@ LATEX = {
 
 
 def _spread(c: Run) -> Value:
-    r = c.record
-    return f"{format_cpu_time(r.cpu_min_s)} to {format_cpu_time(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
+    low, high = map(format_cpu_time, cpu_range(c.record))
+    return f"{low} to {high} ({c.record.repeats})" if c.record.repeats > 1 else NONE
 
 
 OTHERS: Mapping[str, Callable[[Run], Value]] = {  # columns that are no field of a record

@@ -12,7 +12,7 @@ from ...harness.results.comparison import METRICS, Change, Likeness, compare, is
 from ...harness.results.judgements.claims import Claim, Verdict
 from ...harness.results.judgements.files import CLAIMS
 from ...harness.results.provenance import find_differences, stamp_of
-from ...harness.results.records import RunRecord
+from ...harness.results.records import RunRecord, cpu_range
 from ..model.curves import upper
 from ..model.results import Results, Run, group_by, read_results, slug
 from ..model.words import mark, number
@@ -122,7 +122,8 @@ def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     out = []
     for a, b in pairs(before, after):
         x, y = a.cpu_median_s, b.cpu_median_s
-        separate = a.cpu_max_s < b.cpu_min_s or b.cpu_max_s < a.cpu_min_s
+        (a_low, a_high), (b_low, b_high) = cpu_range(a), cpu_range(b)
+        separate = a_high < b_low or b_high < a_low
         if x > 0.0 and y > 0.0 and separate and max(x / y, y / x) > SPREAD:
             out.append(Ranked(Rank.TIMING, a.settings_id, a.case, "CPU time", f"{number(x)} s", f"{number(y)} s",
                               format_ratio(y / x), y > x, abs(math.log(y / x))))  # fmt: skip

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...harness.results.judgements.runs import WorkProfile
+from ...harness.results.records import cpu_range
 from ...harness.results.work import evaluations, index_1_evaluations, operations
 from ..model.accuracy import Measure, measure_for
 from ..model.frontier import SOUND
@@ -189,7 +190,7 @@ def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> l
 def _trace(name: str, own: Sequence[Point], work: str, error: str, folded: bool, mode: str, dash: int) -> Trace:
     ladder, repeated = len({p.method for p in own}) == 1, any(p.run.record.repeats > 1 for p in own) and work == "cpu"
     records = [p.run.record for p in own]
-    spread = [(r.cpu_min_s, r.cpu_max_s) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in records]
+    spread = [cpu_range(r) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in records]
     left, right = np.array(spread).T
     return Trace(
         name, _numbers(own, "works", work), _numbers(own, "errors", error), solver=own[0].solver, mode=mode, dash=dash,
@@ -211,7 +212,8 @@ def _describe_point(p: Point, *, whole: bool) -> str:
     c, r = p.run, p.run.record
     marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
     ending = [] if c.status in ("success", "unknown") else [c.status.replace("_", " ")]
-    cpu = [f"CPU {seconds(r.cpu_min_s)} to {seconds(r.cpu_max_s)} in {r.repeats} repeats"] if r.repeats > 1 else (
+    low, high = map(seconds, cpu_range(r))
+    cpu = [f"CPU {low} to {high} in {r.repeats} repeats"] if r.repeats > 1 else (
         ["single timing"] if r.repeats else [])  # fmt: skip
     steps = [f"{number(float(r.steps))} steps"] if r.steps >= 0 else []
     return ", ".join([r.case.removeprefix(f"{c.variant} ") if whole else c.step_words, *marks, *ending, *cpu, *steps])

@@ -17,8 +17,8 @@ from mbsbench.harness.suites.suite import parse_suite
 PLUGIN = Path(__file__).parent / "misbehaving.py"
 HOSTILE = Path(__file__).parent / "hostile.py"
 TIMED = [  # columns that differ between two runs of the same code
-    "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "cpu_import_s", "cpu_refuses_s", "cpu_process_s", "setup_s",
-    "code_s",
+    "cpu_min_s", "cpu_q1_s", "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s", "cpu_import_s", "cpu_refuses_s",
+    "cpu_process_s", "setup_s", "code_s",
     "wall_s", "measure_s", "peak_memory_MB", "finished", "commit",  # somebody may commit meanwhile
 ]  # fmt: skip
 

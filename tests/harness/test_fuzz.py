@@ -73,7 +73,7 @@ def told(call, *kinds):
 GROUP = {"problem": "free_fall", "solver": "exact", "dt": 0.5}
 keys = st.sampled_from(
     ["problem", "solver", "parameters", "options", "dt", "rtol", "max_step", "max_steps", "cpu_limit", "memory",
-     "repeats", "label", "nonsense"]
+     "repeats", "min_time", "label", "nonsense"]
 )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ def ladder(folder, solver, order, cost, **changes):
         dt = 0.1 / 2**k
         error = (10.0 * dt) ** order
         numbers = {"dt_s": dt, "position_error_max_m": error, "cpu_median_s": cost / dt}
-        put(folder, record(f"{solver}{k}", solver, **{**numbers, **changes}))
+        put(folder, record(f"{changes.get('problem', '')}{solver}{k}", solver, **{**numbers, **changes}))
 
 
 def test_work_is_interpolated_on_the_power_law(tmp_path):
@@ -104,6 +104,28 @@ def test_errors_below_that_of_the_reference_are_marked(tmp_path):
     assert {f.target: f.is_below_reference for f in found} == {f.target: f.target < 3e-5 for f in found}
     page = (site.build(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
     assert page.count("Below the stated error") == sum(f.target < 3e-5 for f in found) > 0
+
+
+def test_each_undecided_lead_says_why(tmp_path):
+    """Decided where the lead is at least the spread; else by the spread, or a tie where nobody would ask for it."""
+    many = {"repeats": 40, "cpu_q1_s": 1.0, "cpu_min_s": 0.1, "cpu_max_s": 9.0}  # the extremes decide nothing
+    expected = {
+        "wide": (1.5, 1.3, "spread"), "tie": (1.2, 1.02, "tie"), "close": (1.01, 1.02, ""), "clear": (1.2, 9.0, ""),
+    }  # fmt: skip
+    for problem, (spread, lead, _) in expected.items():
+        ladder(tmp_path, "alpha", 4.0, 1e-3, problem=problem, cpu_q3_s=spread, **many)
+        ladder(tmp_path, "beta", 4.0, lead * 1e-3, problem=problem, cpu_q3_s=99.0, **many)
+    found = frontiers(read_results(tmp_path))
+    assert {f.variant: f.doubt for f in found} == {problem: doubt for problem, (*_, doubt) in expected.items()}
+    for f in found:
+        spread, lead, doubt = expected[f.variant]
+        assert f.places[0].spread == pytest.approx(spread) and f.places[1].factor == pytest.approx(lead)
+        assert bool(f.doubt_words) is bool(doubt) is (spread > lead)
+        if doubt:
+            assert all(word in f.doubt_words for word in ("alpha", "beta", "40 repeats", f"{spread:g}", f"{lead:g}"))
+    page = (site.build(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
+    assert page.count("Not decided: ") == sum(bool(f.doubt) for f in found) > page.count("Not decided: a tie: ") > 0
+    assert page.count("times before the next (not decided)") == 2
 
 
 def test_a_presentation_has_no_frontier(tmp_path):

@@ -76,6 +76,17 @@ def test_every_solver_has_a_cost(cold):
     assert {n for n in registry.solvers() if registry.is_own_solver(n)} >= {*read_costs().solvers}
 
 
+def test_a_loop_is_part_of_the_cost_of_a_run(cold):
+    """A short solve takes the time of its loop; one that takes longer, and one in no loop, what they took."""
+    facts, table = costs._facts_of(registry.make_problem("heavy_top")), read_costs()
+    for dt, looped in ((0.05, True), (1e-5, False)):
+        spec = spec_of("heavy_top", "rattle", dt=dt)
+        once, in_loop = (cost_of_run(replace(spec, min_time=seconds), facts, table) for seconds in (0.0, 0.2))
+        set_up = at_size(table.solvers["rattle"].setup_s, facts.size)
+        solve = costs.cost_of_solve(spec, facts, table)
+        assert in_loop == pytest.approx(once - set_up - solve + 0.2 if looped else once) and (solve < 0.02) is looped
+
+
 def test_what_a_run_took_here_counts_more_than_the_table(cold):
     """The record of the same settings in a results folder of this place."""
     specs = parse_suite(TEXT, "t", "t").specs
