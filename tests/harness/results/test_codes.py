@@ -119,7 +119,7 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
 @pytest.mark.parametrize(
     ("place", "before", "after"),
     [
-        ("harness/execution/worker.py", "min(counted)", "0.5 * min(counted)"),
+        ("harness/execution/contract.py", "max(times)", "0.5 * max(times)"),
         ("harness/clock.py", "used.ru_utime + used.ru_stime", "used.ru_utime"),
         ("harness/sandbox/apart.py", "usage.ru_utime + usage.ru_stime", "usage.ru_utime"),
         ("harness/sandbox/isolation.py", "set_keeper(own)", "set_keeper(parent)"),
