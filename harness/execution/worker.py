@@ -127,17 +127,18 @@ def solve_repeatedly(
     first, cost = _solve_timed(solver, problem, control)
     control = dataclasses.replace(control, spool=None)
     times, longest = [cost.integration], cost.call
-    used, began = longest, time.monotonic()
+    used, whole, began = longest, longest, time.monotonic()
     loops = min_time > 0.0 and cost.integration < SHORT
     fewest = max(repeats, 1 + FEWEST) if loops else repeats
     while first.status is Status.SUCCESS:
-        more = loops and used < min_time and len(times) < MOST and time.monotonic() - began < WAITED * min_time
+        more = loops and whole < min_time and len(times) < MOST and time.monotonic() - began < WAITED * min_time
         if len(times) >= fewest and not more:
             break
         if control.cpu_limit is not None and used + longest > control.cpu_limit:
             break
         times.append((again := _solve_timed(solver, problem, control)[1]).integration)
         used += again.call
+        whole += again.call + again.code  # engines are built anew in each call
     looped = loops and len(times) > FEWEST
     counted = looped_cost(times, solver, _reading_seconds()) if looped else repeated_cost(times)
     alone = len(counted) == 1 < len(times)

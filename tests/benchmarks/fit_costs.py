@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.execution.contract import SHORT
 from mbsbench.harness.execution.costs import SIZES, TOLERANCE, measure_loop, nearest_size, read_costs, size_of
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord
@@ -46,7 +47,8 @@ def fit(records: Iterable[RunRecord], compiled: dict[str, float]) -> str:
     kept = read_costs()
     good = [(r, *describe(r)) for r in records if r.steps > STEPS and r.cpu_median_s > 0.0]
     measuring = fit_measuring(good)
-    rest = [r.wall_s - r.measure_s - r.setup_s - r.repeats * r.cpu_median_s for r, *_ in good if r.code_s < 1.0]
+    once = [r for r, *_ in good if r.code_s < 1.0 and r.cpu_median_s >= SHORT]  # in no loop
+    rest = [r.wall_s - r.measure_s - r.setup_s - r.repeats * r.cpu_median_s for r in once]
     out = ["# Made by tests/benchmarks/fit_costs.py: see there, and costs.py for the meaning.",
            f"loop_s = {min(measure_loop() for _ in range(20)):.3g}", f"process_s = {fmean(rest):.3g}",
            f"load_s = {kept.load_s:.3g}", f"laws_s = {compiled['']:.3g}", f"reference_s = {kept.reference_s:.3g}",
