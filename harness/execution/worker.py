@@ -121,24 +121,24 @@ def solve_repeatedly(
     The first one counts. Later ones that take less than half of its time were prepared by it, and do not. Making code
     counts in ``code_s`` and ``setup_s`` alone.
 
-    Where integration takes less than ``SHORT``, all calls together take ``min_time`` [s], and ``looped_cost`` counts.
+    Where integration takes less than ``SHORT``, all calls together, with what is between them, take ``min_time`` [s], and
+    ``looped_cost`` counts. Code that engines make in each call is part of that; code of the first call is not.
     """
     listen_to_numba()
     first, cost = _solve_timed(solver, problem, control)
     control = dataclasses.replace(control, spool=None)
     times, longest = [cost.integration], cost.call
-    used, whole, began = longest, longest, time.monotonic()
+    used, began, cpu_began = longest, time.monotonic(), cpu_seconds() - longest
     loops = min_time > 0.0 and cost.integration < SHORT
     fewest = max(repeats, 1 + FEWEST) if loops else repeats
     while first.status is Status.SUCCESS:
-        more = loops and whole < min_time and len(times) < MOST and time.monotonic() - began < WAITED * min_time
-        if len(times) >= fewest and not more:
+        over = cpu_seconds() - cpu_began >= min_time or time.monotonic() - began >= WAITED * min_time
+        if len(times) >= fewest and (not loops or over or len(times) >= MOST):
             break
         if control.cpu_limit is not None and used + longest > control.cpu_limit:
             break
         times.append((again := _solve_timed(solver, problem, control)[1]).integration)
         used += again.call
-        whole += again.call + again.code  # engines are built anew in each call
     looped = loops and len(times) > FEWEST
     counted = looped_cost(times, solver, _reading_seconds()) if looped else repeated_cost(times)
     alone = len(counted) == 1 < len(times)
