@@ -121,7 +121,7 @@ def solve_repeatedly(
     The first one counts. Later ones that take less than half of its time were prepared by it, and do not. Making code
     counts in ``code_s`` and ``setup_s`` alone.
 
-    Where integration takes less than ``SHORT``, all calls together, with what is between them, take ``min_time`` [s], and
+    Where integration takes less than ``SHORT``, all calls take ``min_time`` [s] together with what is between them, and
     ``looped_cost`` counts. Code that engines make in each call is part of that; code of the first call is not.
     """
     listen_to_numba()

@@ -28,6 +28,7 @@ class Clock:
     def solve(self, solver, problem, control):
         integration = self.times[self.solves] if self.solves < len(self.times) else self.else_
         self.solves += 1
+        assert self.solves < 5000, "the loop does not end"
         self.cpu += integration + SET_UP + self.code
         found = registry.make_solver("exact", {}).solve(problem, control)
         return found, Cost(integration, SET_UP + self.code, self.code)
