@@ -91,6 +91,7 @@ def _add_run(commands: Any) -> None:
     p.add_argument(
         "--dry-run", action="store_true", help="print the runs and how long they will take here; run nothing"
     )
+    p.add_argument("--only", metavar="SUITE", help="only the runs of this suite, which SUITE includes; see --resume")
     p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"

@@ -15,16 +15,24 @@ def run(arguments: argparse.Namespace) -> int:
     folders = [find_results(name) for name in arguments.results]
     if arguments.out is not None and len(folders) < 2:
         raise UsageError("--out needs two results folders to compare; the report of one is written into it")
-    from ..reports.pages.compare import write_compare  # here: they take a second to load
-    from ..reports.site import build
+    from ..reports.model.results import read_results  # here: they take a second to load
+    from ..reports.pages.compare import write_compare
+    from ..reports.site import write_site
 
+    to_come = ""
     with store.in_use(folders[-1]):
         if len(folders) == 1:
-            index = build(folders[0])
+            results = read_results(folders[0])
+            index = write_site(results, Place(folders[0]) / "report")
+            if results.to_come:
+                to_come = (f"{results.to_come} of {results.suite_runs} runs of the suite are still to come; "
+                           "the open page says when a report with more has replaced it")  # fmt: skip
         elif arguments.out is None:
             index = write_compare(folders[0], folders[1], Place(folders[1]) / "report")
         else:
             arguments.out.mkdir(parents=True, exist_ok=True)
             index = write_compare(folders[0], folders[1], Place(arguments.out))
     console().print(f"report: {index}")
+    if to_come:
+        console().print(to_come)
     return 0

@@ -29,9 +29,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--in-turns times runs on this machine, so it cannot be combined with --cluster")
     if arguments.native and arguments.cluster is not None:
         raise UsageError("--native is for this machine; with --cluster set MBSBENCH_NATIVE=1 where its workers start")
+    if arguments.only is not None and arguments.only not in suite.parts:
+        known = ", ".join(suite.parts) or "none"
+        raise UsageError(f"--only must be a suite that {suite.name} includes: {known} (got {arguments.only!r})")
     target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
     request = Request(
-        suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part, arguments.lossless,
+        suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.only, arguments.limit, part,
+        arguments.lossless,
         is_newest=arguments.out is None, keep=None if arguments.lossless else series_to_keep(suite),
     )  # fmt: skip
     if arguments.dry_run:

@@ -65,6 +65,7 @@ class Request:
     folder: Path
     jobs: int
     resume: bool = False
+    only: str | None = None  # only the runs of this suite, which the suite includes
     limit: int | None = None  # only the first runs
     shard: tuple[int, int] = (1, 1)  # (k, n): of every n runs the k-th
     lossless: bool = False  # whether series keep the states of every step
@@ -143,7 +144,8 @@ def list_waiting(request: Request) -> list[RunSpec]:
 def _jobs(request: Request, folder: Path, where: str) -> list[Job]:
     """A job a run, each with the digest of the code that its numbers come from."""
     suite, (k, n) = request.suite, request.shard
-    specs = suite.specs[k - 1 :: n][: request.limit]
+    specs = [s for s in suite.specs if request.only is None or s.settings_id in suite.parts[request.only]]
+    specs = specs[k - 1 :: n][: request.limit]
     code = {k: codes.code_of(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
     commit = environment.commit()
     of_suite = suite.plugins, where, suite.total_limit, request.lossless
@@ -207,6 +209,7 @@ def _stamp(request: Request) -> str:
     """
     folder, suite = request.folder, request.suite
     stamp = environment.stamp(folder.name, suite.name, request.jobs, suite.plugins)
+    stamp["suite_runs"] = len(suite.specs)  # of the whole suite, whatever part of it is asked for now
     here, own = Place(folder), Place(folder) / "environment.json"
     if own.is_there():
         (here / f"environment.{stamp['started'].replace(':', '')}.json").write(own.read(store.LARGEST))

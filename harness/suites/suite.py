@@ -7,7 +7,7 @@ included; twice in one file it is an error.
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ class Suite:
     plugins: tuple[str, ...] = ()
     included: tuple[tuple[str, str], ...] = ()  # name and text of the suites it includes, for the results folder
     total_limit: float | None = None  # [s] CPU time of all runs together, for each at a time
+    parts: Mapping[str, frozenset[str]] = field(default_factory=dict)  # settings_id of runs, by suite that it includes
 
 
 def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:
@@ -57,18 +58,20 @@ def _build_suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     files = tuple(dict.fromkeys([*map(resolve_plugin, plugins), *(p for s in sources for p in _resolve_plugins(s))]))
     if files:  # foreign code may hang, crash or leave when it is loaded or makes a problem
         try:
-            specs = try_apart(own.where, lambda: _collect_specs(own, sources, files))
+            specs, parts = try_apart(own.where, lambda: _collect_specs(own, sources, files))
         except ValueError as error:
             raise FileError(" ".join(str(error).split())) from None
     else:
-        specs = _collect_specs(own, sources, files)
+        specs, parts = _collect_specs(own, sources, files)
     included = tuple((s.name, s.text) for s in sources[:-1])
     name, words, total = own.file.name or own.name, own.file.description, own.file.total_limit
-    return Suite(name, words, tuple(specs.values()), own.text, files, included, total)
+    return Suite(name, words, tuple(specs.values()), own.text, files, included, total, parts)
 
 
-def _collect_specs(own: Source, sources: list[Source], files: tuple[str, ...]) -> dict[str, RunSpec]:
-    """The runs of all files by their settings, each as first met."""
+def _collect_specs(
+    own: Source, sources: list[Source], files: tuple[str, ...]
+) -> tuple[dict[str, RunSpec], dict[str, frozenset[str]]]:
+    """Return the runs of all files by their settings, each as first met, and the settings of each included suite."""
     try:
         for file in files:
             registry.load_plugin(file)
@@ -76,10 +79,14 @@ def _collect_specs(own: Source, sources: list[Source], files: tuple[str, ...]) -
         raise FileError(f"{own.where}: {error}") from None
     problems: dict[tuple[str, str], Problem] = {}
     specs: dict[str, RunSpec] = {}
-    for s in sources:
-        for settings, spec in _expand_file(s, problems).items():
+    parts: dict[Path, frozenset[str]] = {}
+    for s in sources:  # what a file includes comes before it
+        found = _expand_file(s, problems)
+        below = (parts[path_of(name, s.beside).resolve()] for name in s.file.include)
+        parts[Path(s.where).resolve()] = frozenset(found).union(*below)
+        for settings, spec in found.items():
             specs.setdefault(settings, spec)
-    return specs
+    return specs, {s.name: parts[Path(s.where).resolve()] for s in sources[:-1]}
 
 
 def _resolve_plugins(s: Source) -> list[str]:

@@ -47,6 +47,21 @@
     }
   });
 
+  // a page of results that are not all there looks whether its report has been written anew; from a disk scripts alone load
+  const notice = document.querySelector("[data-written]");
+  const look = () => {
+    const script = MBS.element("script", { src: `${document.body.dataset.root}data/written.js?${Date.now()}` });
+    script.onerror = () => { script.remove(); setTimeout(look, 5000); };  // it is being written
+    script.onload = () => {
+      script.remove();
+      if (MBS.written === Number(notice.dataset.written)) return void setTimeout(look, 5000);
+      const again = MBS.element("button", { type: "button", onclick: () => location.reload() }, "Reload");
+      notice.replaceChildren(MBS.element("b", {}, `The report has been written anew, with ${MBS.written} runs. `), again);
+    };
+    document.head.append(script);
+  };
+  if (notice) setTimeout(look, 5000);
+
   // a link to what is folded, or what a filter hides, brings it back
   const reveal = () => {
     const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));

@@ -168,6 +168,17 @@ class Results:
         return {c.record.settings_id: c for c in self.runs}
 
     @property
+    def suite_runs(self) -> int:
+        """The number of runs of the whole suite; 0 where it is not recorded."""
+        found = self.environment.get("suite_runs")
+        return found if isinstance(found, int) else 0
+
+    @property
+    def to_come(self) -> int:
+        """How many runs of the suite have no result yet, readable or not."""
+        return max(self.suite_runs - len(self.runs) - len(self.unreadable), 0)
+
+    @property
     def plugins(self) -> list[str]:
         """Files and packages with problems or solvers that were not ours."""
         return [str(p) for p in self.environment.get("plugins") or []]

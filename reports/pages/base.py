@@ -43,6 +43,7 @@ from ..rendering import FOLDER, render
 ASSETS = FOLDER / "assets"
 PLOTTING = ("assets/plots.js",)
 JUDGE = "mbsbench judge"
+WRITTEN = "written"  # the data file with the number of runs in a report that is whole
 T = TypeVar("T")
 
 

@@ -1,4 +1,4 @@
-"""The first page in six bands: the race over the moving mechanism, cost, heat map, false successes, claims, doors."""
+"""The first page: the race over the moving mechanism, false successes, cost, heat map, numbers, claims, doors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -50,6 +50,7 @@ def write(results: Results, site: Site) -> Page | None:
     problems, rows = (picture.problems, picture.rows) if picture else ((), ())
     boxes = [(row.solver, p, b) for row in rows for p, b in zip(problems, row.boxes, strict=True) if b]
     cells = {f"{solver} {p.slug}": _cell(results, site, b, measure_for(p.runs)) for solver, p, b in boxes}
+    tables = [(p, [b.run for row in rows if (b := row.boxes[k])], measure_for(p.runs)) for k, p in enumerate(problems)]
     data = {"costs": races, "stages": stages, "cells": cells, "first": first, "target": target,
             "colours": {s: k.colour for s, k in site.looks.items()}}  # fmt: skip
     scripts = [site.bundle("overview", data), *(f"data/{s['file']}.js" for s in stages[:1]),
@@ -59,8 +60,8 @@ def write(results: Results, site: Site) -> Page | None:
     panels = [site.work[titles[0]] for titles in by_problem.values()][:PANELS]
     return site.write(
         Page("Overview", "index.html", nav=True, order=0), "overview.html", plots=panels, scripts=scripts,
-        heat=picture, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races, first=first,
-        target=target, stages=stages, panels_title=cost.title(found), cards=cards,
+        heat=picture, tables=tables, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races,
+        first=first, target=target, stages=stages, panels_title=cost.title(found), cards=cards,
         wrong=wrong, strips=strips(picture, site.looks), verdicts=verdicts(results), mechanisms=mechanisms(results),
         door=max(site.cards.values(), key=lambda c: (len(c["facts"]), c["solver"]), default=None),
     )  # fmt: skip
