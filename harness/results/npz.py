@@ -1,5 +1,6 @@
 """NPZ files: written whole or not at all, read as plain arrays within a limit on memory, without pickle."""
 
+import functools
 import hashlib
 import io
 import lzma
@@ -17,6 +18,7 @@ from ..places import Place, place_of
 
 PLAIN = "biufU"  # kinds of numbers, and text
 MEMBERS = 1000  # arrays at most
+LONGEST_HEADER = 10_000  # [bytes] of an NPY file, which ends with the first end of a line
 XZ = b"\xfd7zXZ\0"
 PRESET = 1  # of xz: 6 makes files 6 % smaller and takes four times as long
 LEVEL = 1  # of compression: numbers of a motion shrink by 3 % more at zlib's own, which takes twice as long
@@ -82,15 +84,22 @@ def _decompress(content: bytes, largest: int) -> bytes:
     return found
 
 
-def _array(content: bytes) -> np.ndarray:
-    """The array in an NPY file, which must hold exactly the bytes that its shape needs."""
+@functools.lru_cache(1024)
+def _read_header(content: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
+    """Shape, order and type of an NPY file that begins so, and where its data begin: many arrays of a file are alike."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:
         raise ValueError(f"an array of NPY version {version}")
-    shape, fortran, dtype = readers[version](file)
-    data = content[file.tell() :]
+    return *readers[version](file), file.tell()
+
+
+def _array(content: bytes) -> np.ndarray:
+    """The array in an NPY file, which must hold exactly the bytes that its shape needs."""
+    end = content.find(b"\n", 0, LONGEST_HEADER) + 1
+    shape, fortran, dtype, end = _read_header(content[: end or LONGEST_HEADER])
+    data = content[end:]
     if dtype.kind not in PLAIN or math.prod(shape) * dtype.itemsize != len(data) or min(shape, default=0) < 0:
         raise ValueError(f"an array of {dtype} of shape {shape} in {len(data)} bytes")
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")

@@ -4,9 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
-from jaxtyping import Float
-from pandas.api.typing import SeriesGroupBy
+from jaxtyping import Float, Int
 
 SPANS_UPPER = 240  # a panel is about 3 in wide: more spans than that are not seen
 SPANS_SIGNED = 320
@@ -31,7 +29,7 @@ class Curve:
 def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
     """The largest |a| in each span of time: what a bound must not be below. Values that are no numbers are left out."""
     t, a = _finite(t, np.abs(a))
-    at = _spans(t, a, t_end, spans).idxmax().to_numpy(int)
+    at = _rows_of(np.maximum, a, _spans(t, t_end, spans))
     return Curve(t[at], a[at])
 
 
@@ -40,18 +38,21 @@ def signed_curve(
 ) -> Curve:
     """Smallest and largest value in each span, in their order of time, and the ends."""
     t, a = _finite(t, a)
-    each = _spans(t, a, t_end, spans)
+    starts = _spans(t, t_end, spans)
     ends = [0, len(t) - 1] if len(t) else []
-    at = np.unique(np.concatenate([ends, each.idxmin(), each.idxmax()])).astype(int)
+    at = np.unique(np.concatenate([ends, *(_rows_of(f, a, starts) for f in (np.minimum, np.maximum))])).astype(int)
     return Curve(t[at], a[at])
 
 
 def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
     """Median, smallest and largest value in each span, at its end."""
     t, a = _finite(t, a)
-    each = _spans(t, a, t_end, spans)
-    last = each.tail(1).index.to_numpy(int)
-    return Curve(t[last], each.median().to_numpy(), each.min().to_numpy(), each.max().to_numpy())
+    starts = _spans(t, t_end, spans)
+    lengths = _lengths(starts, a)
+    ordered = a[np.lexsort((a, np.repeat(np.arange(len(starts)), lengths)))]
+    median = 0.5 * (ordered[starts + (lengths - 1) // 2] + ordered[starts + lengths // 2])
+    last = starts + lengths - 1
+    return Curve(t[last], median, ordered[starts], ordered[last])
 
 
 def level(curve: Curve) -> Curve:
@@ -96,7 +97,20 @@ def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return t[:n][good].astype(float), a[:n][good].astype(float)
 
 
-def _spans(t: np.ndarray, a: np.ndarray, t_end: float, n: int) -> SeriesGroupBy:
-    """Rows by span; [0, t_end] in ``n`` equal ones, so that curves of one figure have the same spans."""
+def _spans(t: np.ndarray, t_end: float, n: int) -> Int[np.ndarray, " m"]:
+    """The first row of each span: [0, t_end] in ``n`` equal ones, so that curves of one figure have the same spans."""
     whole = max(t_end if t_end > 0.0 else 0.0, *t[-1:], 1e-300)
-    return pd.Series(a).groupby(np.minimum((t / whole * n).astype(np.int64), n - 1), sort=False)
+    at = np.minimum((t / whole * n).astype(np.int64), n - 1)
+    return np.flatnonzero(np.diff(at, prepend=at[:1] - 1))
+
+
+def _lengths(starts: Int[np.ndarray, " m"], a: np.ndarray) -> Int[np.ndarray, " m"]:
+    return np.diff(np.append(starts, len(a)))
+
+
+def _rows_of(f: np.ufunc, a: np.ndarray, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+    """The first row of each span that has the largest or smallest value in it, as ``f`` is maximum or minimum."""
+    lengths = _lengths(starts, a)
+    rows = np.flatnonzero(a == np.repeat(f.reduceat(a, starts), lengths))
+    _, first = np.unique(np.repeat(np.arange(len(starts)), lengths)[rows], return_index=True)
+    return rows[first]

@@ -129,7 +129,28 @@ def enough(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
 
 def turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
     """Angle [rad] from each orientation to the next."""
-    return (rotations(q[:-1]).inv() * rotations(q[1:])).magnitude().reshape(-1, q.shape[1])
+    q = normalize(q)
+    return angles(q[:-1], q[1:])
+
+
+def normalize(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
+    """The quaternions of length 1."""
+    q = q.astype(float)
+    return q / np.sqrt(np.einsum("...i,...i", q, q))[..., None]
+
+
+def angles(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb"]:
+    """Angle [rad] from ``a`` to ``b``, unit quaternions, the shorter way round; exact near zero."""
+    return 4.0 * _half(a, b)[0]
+
+
+def _half(
+    a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]
+) -> tuple[Float[np.ndarray, "nf nb"], Float[np.ndarray, "nf nb"]]:
+    """Half the angle between unit quaternions as points, of b and -b the nearer, and the sign of that."""
+    apart, together = a - b, a + b
+    d, s = (np.sqrt(np.einsum("...i,...i", x, x)) for x in (apart, together))
+    return np.arctan2(np.minimum(d, s), np.maximum(d, s)), np.where(d > s, -1.0, 1.0)
 
 
 def rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
@@ -144,10 +165,12 @@ def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
     j = np.minimum(k + 1, len(poses) - 1)
     gap = poses.t[j] - poses.t[k]
     u = np.clip(np.divide(t - poses.t[k], gap, out=np.zeros(len(t)), where=gap > 0.0), 0.0, 1.0)[:, None, None]
-    a, b = rotations(poses.q[k]), rotations(poses.q[j])
-    turn = (a.inv() * b).as_rotvec().reshape(-1, poses.q.shape[1], 3)
-    q = (a * Rotation.from_rotvec((u * turn).reshape(-1, 3))).as_quat().reshape(poses.q[k].shape)
-    return Poses(t, (1.0 - u) * poses.r[k] + u * poses.r[j], q)
+    q = normalize(poses.q)
+    half, sign = _half(q[k], q[j])
+    arc = 2.0 * half[..., None]
+    whole = np.sinc(arc / np.pi)  # sin(u arc) / sin(arc), exact at zero
+    near, far = (x * np.sinc(x * arc / np.pi) / whole for x in (1.0 - u, u))
+    return Poses(t, (1.0 - u) * poses.r[k] + u * poses.r[j], near * q[k] + far * sign[..., None] * q[j])
 
 
 def rotations(q: Float[np.ndarray, "nf nb 4"]) -> Rotation:
@@ -164,8 +187,9 @@ def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tup
     """
     inside = (exact.t > poses.t[0]) & (exact.t < poses.t[-1]) & ~np.isin(exact.t, poses.t)
     here, there = exact.at(np.flatnonzero(inside)), interpolate_poses(exact, poses.t)
-    error = Poses(poses.t, poses.r - there.r, _product(rotations(there.q).inv(), poses.q))
-    angle = rotations(error.q).magnitude().reshape(error.q.shape[:2])
+    back, own = there.q * [-1.0, -1.0, -1.0, 1.0], normalize(poses.q)
+    error = Poses(poses.t, poses.r - there.r, _product(back, own))
+    angle = angles(there.q, own)
     far = np.maximum(np.linalg.norm(error.r, axis=-1) / size, angle).max(axis=1) > ALIKE
     far |= poses.t > exact.t[-1] * (1.0 + 1e-12)
     far = far[1:] | far[:-1]
@@ -174,8 +198,8 @@ def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tup
     spans = tuple((float(poses.t[k]), float(poses.t[k + 1])) for k in unknown)
     if not len(here):
         return poses, 0, spans
-    own = interpolate_poses(error, here.t)
-    made = Poses(here.t, here.r + own.r, _product(rotations(here.q), own.q))
+    added = interpolate_poses(error, here.t)
+    made = Poses(here.t, here.r + added.r, _product(normalize(here.q), added.q))
     distance, angle = _apart(interpolate_poses(poses, here.t), made)
     gap = np.searchsorted(poses.t, here.t, side="right") - 1
     off_in = np.zeros(len(far), dtype=bool)
@@ -186,9 +210,11 @@ def fill(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tuple[tup
     return Poses(*both).at(order), len(made), spans
 
 
-def _product(first: Rotation, q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
-    """The rotations ``first`` after ``q``, as quaternions."""
-    return (first * rotations(q)).as_quat().reshape(q.shape)
+def _product(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
+    """The rotations ``a`` after ``b``, as quaternions."""
+    x, w = a[..., :3], a[..., 3:]
+    y, v = b[..., :3], b[..., 3:]
+    return np.concatenate((w * y + v * x + np.cross(x, y), w * v - np.sum(x * y, axis=-1, keepdims=True)), axis=-1)
 
 
 def off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
@@ -205,5 +231,4 @@ def each_off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarra
 def _apart(a: Poses, b: Poses) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
     """The worst body's distance [m] and angle [rad] between poses of the same times."""
     distance = np.max(np.linalg.norm(a.r - b.r, axis=-1), axis=-1)
-    angle = (rotations(a.q).inv() * rotations(b.q)).magnitude().reshape(a.q.shape[:2])
-    return distance, np.max(angle, axis=-1)
+    return distance, np.max(angles(normalize(a.q), normalize(b.q)), axis=-1)
