@@ -22,6 +22,12 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 	if test -t 2; then printf '\r%d s ' $$n >&2; fi; sleep 1; n=$$((n + 1)); done; \
 	if test -t 2; then echo >&2; fi; wait $$job
 apt = { apt-get update -qq && apt-get install -y -qq --no-install-recommends $(1); } >&2
+# what make bench runs, and what follows each of its passes
+BENCH = $(if $(wildcard $(ENGINES)),bench_engines,bench)
+define judged
+@status=0; $(BIN)/mbsbench judge --partial >/dev/null || status=$$?; test $$status -le 1 || exit $$status
+$(BIN)/mbsbench report
+endef
 QEMU := $(VENV)/qemu
 BACKPORTS := [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian
 APART := -o Dir::Etc::sourcelist=$(CURDIR)/$(QEMU)/list -o Dir::Etc::sourceparts=- -o Dir::State::lists=$(CURDIR)/$(QEMU)/lists \
@@ -116,10 +122,11 @@ browser: ## install Chromium for the tests of pages (apt, as root), or set CHROM
 	echo '$(AXE_SHA512)  axe-core-$(AXE_VERSION).tgz' | sha512sum --check --quiet && tar -xzf axe-core-$(AXE_VERSION).tgz; } || \
 	{ echo 'error: axe-core could not be fetched with npm: the tests of accessibility cannot run' >&2; exit 2; }
 
-bench: $(READY) ## run the suite `bench` (with engines where `make engines` has been run), judge it and write its report: the main result
-	$(BIN)/mbsbench run $(if $(wildcard $(ENGINES)),bench_engines,bench)
-	@status=0; $(BIN)/mbsbench judge --partial >/dev/null || status=$$?; test $$status -le 1 || exit $$status
-	$(BIN)/mbsbench report
+bench: $(READY) ## run the suite `bench` (with engines where `make engines` has been run) in two passes, each judged and reported: the main result
+	$(BIN)/mbsbench run $(BENCH) --only first
+	$(judged)
+	$(BIN)/mbsbench run $(BENCH) --resume
+	$(judged)
 
 paper: $(READY) ## judge the paper (an hour on two cores): run or resume the suite `referee`; verdicts, figures, report
 	$(BIN)/mbsbench run referee --resume

@@ -3,6 +3,7 @@
 import argparse
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..harness.execution.costs import expect
@@ -35,13 +36,15 @@ def run(arguments: argparse.Namespace) -> int:
     target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
     request = Request(
         suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.only, arguments.limit, part,
-        arguments.lossless,
-        is_newest=arguments.out is None, keep=None if arguments.lossless else series_to_keep(suite),
+        arguments.lossless, is_newest=arguments.out is None,
+        keep=None if arguments.lossless else series_to_keep(suite),
     )  # fmt: skip
     if arguments.dry_run:
         return _explain(request, as_json=arguments.json)
     if arguments.cluster is None:
         warn_of_own_bits()
+    if arguments.only is not None and not arguments.json:
+        error_console().print(_describe_whole(request, here=arguments.cluster is None))
     pool, here = choose_executor(arguments.cluster), arguments.cluster is None
     loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, here=here)
     watcher.finish(request.folder, loaded)
@@ -68,6 +71,13 @@ def _explain(request: Request, *, as_json: bool) -> int:
         out.print(f"{number(expected.runs[s.settings_id], 2):>8} s  {s.case}")
     out.print(f"{plural(len(waiting), 'run')}{describe_time(expected)}")
     return 0
+
+
+def _describe_whole(request: Request, *, here: bool) -> str:
+    """Return the words on the whole suite of which a part is run first: how many runs, and how long all take here."""
+    waiting = list_waiting(replace(request, only=None))
+    time_needed = describe_time(expect(waiting, request.jobs, request.suite.name)) if here else ""
+    return f"{request.suite.name}: {plural(len(waiting), 'run')}{time_needed}; now those of {request.only}"
 
 
 def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from ..harness.places import Place
 from .model.results import Results, read_results
 from .model.tables import write_tables
-from .pages.base import ASSETS, WRITTEN, Site, copy_assets, writers
+from .pages.base import ASSETS, WRITTEN, Site, copy_assets, write_pages
 
 OURS = ("assets", "runs", "data", "tables", "badges")  # folders that a new report replaces
 KEPT = ("figures",)  # it may hold others' work
@@ -22,8 +22,7 @@ def write_site(results: Results, folder: Place) -> Path:
     _clear(folder)
     copy_assets(folder, sorted(path.name for path in ASSETS.iterdir()))
     site = Site(results, folder)
-    for _, write in writers():
-        write(results, site)
+    write_pages(site)
     site.finish()
     write_tables(results.variants, folder / "tables")
     site.data(WRITTEN, len(results.runs))  # the last: an open page of an earlier report looks for it

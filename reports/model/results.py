@@ -5,19 +5,19 @@ import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ...harness.files import FileError
+from ...harness.places import Place
 from ...harness.results import store
 from ...harness.results.naming import format_name, text_of
 from ...harness.results.provenance import stamp_of
 from ...harness.results.provisional import latest_of_each
 from ...harness.results.records import RunRecord
-from ...harness.results.series import Series
-from ...harness.results.series import check_series as check_series_file
+from ...harness.results.series import Series, read_series
 from ...harness.results.shadows import Nearest, nearest_of, read_nearest
 from ...harness.results.words import why
 from ...harness.types import Status
@@ -26,6 +26,7 @@ T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
 UNKNOWN = "not recorded"
+SERIES = 1000  # without poses that are kept: half a megabyte each
 STAMPED = ("numpy", "scipy")  # packages of the line
 
 
@@ -189,7 +190,10 @@ class Results:
         return tuple(sorted(number, key=lambda k: (-number[k], k)))
 
     def series(self, run: Run, *, poses: bool = True) -> Series | None:
-        return store.series_of(self.folder, run.record, poses=poses)
+        r = run.record
+        if poses or not r.series:
+            return store.series_of(self.folder, r)
+        return _read_without_poses(self.folder, r.series, r.series_sha256)
 
     def readable_series(self, run: Run) -> Series | None:
         """None where the file is damaged, too: the figure says so."""
@@ -207,9 +211,9 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     loaded = store.load(folder, check_series=False)
     faults = {}
     for r in loaded.records if check_series else ():
-        try:  # its arrays stay packed: pages unpack those they draw
+        try:
             if r.series:
-                check_series_file(folder / r.series, r.series_sha256)
+                _read_without_poses(folder, r.series, r.series_sha256)
         except FileError as error:
             faults[r.run_id] = f"its series file {r.series}: {error}"
     sound = [r for r in loaded.records if r.run_id not in faults]
@@ -225,6 +229,12 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
     earlier = len(sound) - len(shown) - later
     return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad), earlier, later)
+
+
+@lru_cache(SERIES)
+def _read_without_poses(folder: Path, name: str, sha256: str) -> Series:
+    """A series file without its poses, which several pages draw."""
+    return read_series(Place(folder) / name, sha256, poses=False)
 
 
 def group_by(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:

@@ -1,7 +1,8 @@
 """The parts of a page of the report's site, and all that a page module needs to know.
 
 A module of a folder in ``reports/pages/`` with a function ``write(results, site) -> Page | None`` is called once
-(``RANK`` of the module, 0 without one, puts it later). It hands its page over, or returns None ::
+(``RANK`` of the module, 0 without one, puts it later; ``APART = True`` calls it in another process beside all others,
+with a ``site`` that knows no other page). It hands its page over, or returns None ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
@@ -21,11 +22,14 @@ Scripts are classic, deferred and in the order given: from a disk neither module
 """
 
 import importlib
+import multiprocessing
 import pkgutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from ...harness.files import FileError
@@ -70,6 +74,9 @@ class Page:
         return "../" * self.file.count("/")
 
 
+Pending = dict[str, tuple[Page, str, dict[str, Any]]]  # by file: its template and what that is rendered with
+
+
 @dataclass
 class Site:
     """The report folder of a run while its pages are written."""
@@ -80,22 +87,26 @@ class Site:
     work: dict[str, Plot] = field(default_factory=dict)  # by variant, error over CPU time: in cost's data file
     scenes: dict[str, dict[str, Any]] = field(default_factory=dict)  # by variant: its stage and what is said beside it
     cards: dict[str, Any] = field(default_factory=dict)  # by solver: its certificate card
-    _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
+    pending: Pending = field(default_factory=dict)
 
     def write(
         self, page: Page, template: str, scripts: Sequence[str] = (), plots: Sequence[Plot] = (), borrowed: str = "",
         **values: Any,
     ) -> Page:  # fmt: skip
         """Take a page: ``template`` with ``values`` and ``plots``, and those of the data file ``borrowed``."""
-        if page.file in self._pending:
-            raise ValueError(f"two pages want to be {page.file}: {self._pending[page.file][0].title}, {page.title}")
         if plots or borrowed:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
             own = [self.bundle(name, for_browser(plots, self.looks))] if plots else []
             scripts = [*own, *([f"data/{borrowed}.js"] if borrowed else []), *PLOTTING, *scripts]
             values["plots_data"] = name
-        self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
+        self.take({page.file: (page, template, {"scripts": scripts, "plots": list(plots), **values})})
         return page
+
+    def take(self, pages: Pending) -> None:
+        """Take pages that are to be rendered."""
+        for file in pages.keys() & self.pending.keys():
+            raise ValueError(f"two pages want to be {file}: {self.pending[file][0].title}, {pages[file][0].title}")
+        self.pending |= pages
 
     def data(self, name: str, value: Any, form: Callable[[str, Any], str] = script) -> str:
         """Write ``data/<name>.js``; returns its path, for ``scripts``."""
@@ -126,14 +137,14 @@ class Site:
 
     def pages(self) -> list[Page]:
         """All pages so far, those of the navigation first."""
-        return sorted((p for p, _, _ in self._pending.values()), key=lambda p: (not p.nav, p.order, p.title))
+        return sorted((p for p, _, _ in self.pending.values()), key=lambda p: (not p.nav, p.order, p.title))
 
     def finish(self) -> None:
         """Render what was handed over."""
         shared = self._shared_values()
         nav = [p for p in self.pages() if p.nav]
         self.data("pages", [[p.title, p.file] for p in nav if p.file != "index.html"])
-        for page, template, values in self._pending.values():
+        for page, template, values in self.pending.values():
             scripts = ["assets/site.js", *(["data/pages.js"] if page.root else []), *values["scripts"]]
             given = {**shared, **values, "scripts": scripts, "page": page, "root": page.root, "pages": nav}
             (self.folder / page.file).write(render(template, **given), durable=False)
@@ -147,7 +158,7 @@ class Site:
         results, slugs = self.results, {p.title: p.slug for p in self.results.variants}
         related = group_by(self.pages(), lambda p: p.about)
         return {
-            "results": results, "looks": self.looks, "url": self.url, "exists": self._pending.__contains__,
+            "results": results, "looks": self.looks, "url": self.url, "exists": self.pending.__contains__,
             "run_title": results.environment.get("results_folder") or results.folder.name, "stamp": stamp(results),
             "packages": packages(results), "energy_kind": energy_kind, "score_of": score,
             "slug_of": lambda run: slugs[run.variant], "related": lambda about: related.get(about, []),
@@ -155,13 +166,26 @@ class Site:
         }  # fmt: skip
 
 
-def writers() -> Iterator[tuple[str, Callable[[Results, Site], Page | None]]]:
-    """Every ``write`` of the page modules: smallest ``RANK`` of the module first (0 without one), then by name."""
+def writers() -> list[ModuleType]:
+    """The page modules: smallest ``RANK`` first (0 without one), then by name."""
     found = pkgutil.walk_packages([str(FOLDER / "pages")], f"{__package__}.")
-    modules = [importlib.import_module(m.name) for m in found]
-    for module in sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__)):
-        if hasattr(module, "write"):
-            yield module.__name__, module.write
+    modules = [m for m in (importlib.import_module(m.name) for m in found) if hasattr(m, "write")]
+    return sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__))
+
+
+def write_pages(site: Site) -> None:
+    """Let every page module hand its pages over, those apart in a second process."""
+    apart = {m.__name__: getattr(m, "APART", False) for m in writers()}
+    with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
+        beside = pool.submit(_write_some, [m for m in apart if apart[m]], site)
+        _write_some([m for m in apart if not apart[m]], site)
+        site.take(beside.result())
+
+
+def _write_some(modules: Sequence[str], site: Site) -> Pending:
+    for name in modules:
+        importlib.import_module(name).write(site.results, site)
+    return site.pending
 
 
 @dataclass(frozen=True)

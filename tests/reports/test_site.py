@@ -239,7 +239,7 @@ def test_two_pages_cannot_have_one_name(tmp_path):
 
 def test_page_modules_are_found_and_late_ones_come_last():
     """No list to edit: what has a ``write`` is a page; runs need what problems left for them."""
-    names = [name for name, _ in base.writers()]
+    names = [module.__name__ for module in base.writers()]
     assert {
         "mbsbench.reports.pages.runs.overview",
         "mbsbench.reports.pages.runs.problems",

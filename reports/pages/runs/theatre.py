@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, RULE, players, scene
 from ...model.results import Results, Variant
 from ...model.variants import broadest, same_motion, themselves
@@ -11,6 +13,7 @@ from ..base import Page, Site
 ALL_BYTES = 12_000_000  # of the data files of all theatres
 MOST = 24  # theatres of a report, unless the plain comparison has more variants
 ROUNDS = 3  # of making a page smaller: its size does not fall evenly with its poses
+APART = True  # it takes as long as all other pages together
 SCRIPTS = (
     "assets/three.bundle.min.js", "assets/theatre-poses.js", "assets/theatre-view.js", "assets/theatre-solid.js",
     "assets/theatre-flat.js", "assets/theatre-strips.js", "assets/theatre.js",
@@ -32,6 +35,7 @@ def write(results: Results, site: Site) -> Page | None:
                 own = _stage(results, site, variant, poses) or own
         page = Page(f"Theatre: {variant.title}", f"{own['name']}.html", order=60, about=variant.slug, brief=True)
         worst = {f"worst_{k}": max(p[f"off_{k}"] for p in own["play"]["players"]) for k in ("m", "rad")}
+        own["play"] = _without_arrays(own["play"])  # the data file has them
         pages.append(
             site.write(page, "theatre.html", [*SCRIPTS[:-1], own["path"], SCRIPTS[-1]], own=own, rule=RULE, **worst)
         )
@@ -58,6 +62,12 @@ def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) ->
     path = site.bundle(name, play)
     return {"variant": variant, "name": name, "path": path, "size": (site.folder / path).size(), "play": play,
             "players": [p.run for p in cast], "left_out": left_out, "addable": [p.run for p in more]}  # fmt: skip
+
+
+def _without_arrays(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_arrays(v) for k, v in value.items() if not isinstance(v, np.ndarray)}
+    return [_without_arrays(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 def fair(sizes: Sequence[int], whole: float) -> float:

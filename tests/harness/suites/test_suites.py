@@ -1,5 +1,6 @@
 """Suites expand into runs, and every wrong one is told in one line with its place."""
 
+import itertools
 from collections import Counter
 
 import pytest
@@ -98,6 +99,20 @@ def test_included_runs_come_first_and_once(tmp_path):
     ]  # fmt: skip
     assert suite.plugins == (str(PLUGIN),) and [n for n, _ in suite.included] == ["base", "left", "right"]
     assert suite.total_limit is None  # a limit is on the run that was asked for
+
+
+def test_parts_of_a_suite_are_what_it_includes_and_what_that_includes(tmp_path):
+    """By name, whatever was met first elsewhere; its own runs are no part."""
+    load = written(
+        tmp_path,
+        base=f'plugins = ["{PLUGIN}"]\n{GROUP}dt = [0.5, 0.25]',
+        left=f'include = ["base"]\n{GROUP}dt = [0.5, 0.1]',
+        top=f'include = ["left"]\n{GROUP}dt = 0.05',
+    )
+    suite = load()
+    steps = {s.settings_id: s.control.dt for s in suite.specs}
+    parts = {name: {steps[i] for i in part} for name, part in suite.parts.items()}
+    assert parts == {"base": {0.5, 0.25}, "left": {0.5, 0.25, 0.1}}
 
 
 def test_shipped_suites_can_be_included(tmp_path):
@@ -228,6 +243,20 @@ def test_bench_has_a_ladder_of_every_solver_on_every_problem_of_the_paper():
     compared |= {(problem, s) for problem, _ in compared for s in ("dop853_joint", *ENGINES)}
     few = {pair for pair in compared if max(map(len, settings[pair].values())) < 5}
     assert few == {("four_bar_grid", "gc_weak_form")}
+
+
+def test_the_first_pass_has_every_solver_once_on_each_problem_of_the_paper():
+    """The problem's own step or one tolerance, and the very runs of the suite `paper` where that has them."""
+    first, bench = load_suite("first").specs, load_suite("bench").specs
+    solvers, problems = {s.solver for s in bench}, {s.problem for s in load_suite("paper").specs}
+    assert Counter((s.problem, s.solver) for s in first) == dict.fromkeys(itertools.product(problems, solvers), 1)
+    assert {s.label for s in first} == {"recommended"} and not any(s.options for s in first)
+    for s in first:
+        assert s.control.rtol in (None, 1e-6)
+        assert s.control.dt in (None, registry.make_problem(s.problem, s.parameters).dt)
+    addresses = {s.settings_id: s.address("code") for s in (*bench, *load_suite("paper").specs)}
+    assert all(addresses[s.settings_id] == s.address("code") for s in first)
+    assert load_suite("bench_engines").parts["first"] == {s.settings_id for s in first}
 
 
 def test_the_frontier_has_every_problem_and_ladders_of_six_settings():
