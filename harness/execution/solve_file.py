@@ -14,13 +14,13 @@ from ..sandbox.isolation import OUTPUT_LIMIT
 from ..suites.spec import RunSpec
 from ..types import Problem
 from .costs import LAWS, Prepared, expect, reference_name
-from .eta import COMPILING, REFERENCES, describe_wait
+from .eta import COMPILING, PREPARING, describe_wait
 from .job import Job
 from .measuring import Outcome
 from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, STORED, Run, Send, run_one, send_record
 from .run_file import write_run, write_without_motion
 from .supervisor import outcome_of
-from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
+from .warmup import prepare, runs_to_warm, warm
 
 RUNNING = "running"
 PATIENCE = 3.0  # [s] of any of these until it is mentioned
@@ -44,10 +44,8 @@ def solve_to_file(
         job = Job(dataclasses.replace(spec, cpu_limit=limit), Path(place))
         job.stderr.parent.make()
         if cpu_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
-            patience.now(REFERENCES)
-            references_apart([job], patience.over)
-            patience.now(COMPILING)
-            warm_apart_then_here(runs_to_warm([spec]), patience.over)
+            patience.now(PREPARING)
+            prepare(runs_to_warm([spec]), [job], patience.over)
         measure_limit = NO_LIMIT if cpu_limit is None else MEASURE_LIMIT
 
         def work(send: Send) -> None:
@@ -102,7 +100,7 @@ class _Patience:
             if self.say is not None:
                 first = self.due == PATIENCE
                 if first:  # a loop is timed for it, which short runs are spared
-                    self.left = self.usual() if self.doing in (COMPILING, REFERENCES) else 0.0
+                    self.left = self.usual() if self.doing in (COMPILING, PREPARING) else 0.0
                 self.say(describe_wait(self.doing, elapsed, self.left), "\n" if first else "\r")
             self.due = elapsed + 1.0
         return False

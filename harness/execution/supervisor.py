@@ -18,7 +18,6 @@ from ..catalogue import registry
 from ..clock import cpu_seconds_below
 from ..code_meter import listen_to_numba
 from ..files import FileError
-from ..metrics import passes
 from ..results import store
 from ..results.records import RunRecord
 from ..sandbox.apart import Ended
@@ -26,7 +25,7 @@ from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out
 from .job import Job
 from .protocol import CodeTime, Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
 from .run import Run, run_and_store, store_outcome, words_of
-from .warmup import references_apart, warm_apart_then_here
+from .warmup import prepare
 
 POLL = 0.1  # [s]
 NEWS = 0.5  # [s] of CPU for code until it is told
@@ -119,11 +118,10 @@ def serve(orders: int, news: int) -> None:
                 match order:
                     case Warm(specs, jobs):
                         before = cpu_seconds_below(os.getpid())
-                        references = references_apart(jobs, lambda: _is_closed(orders), passes.load)  # what measures
-                        os.write(news, line_of(Warmed({}, references)))
-                        warm_apart_then_here(
-                            specs, lambda: _is_closed(orders), lambda times: os.write(news, line_of(Warmed(times, {})))
-                        )
+                        prepare(
+                            specs, jobs, lambda: _is_closed(orders),
+                            lambda times, references: os.write(news, line_of(Warmed(times, references))),
+                        )  # fmt: skip
                         supervisor.code_before += cpu_seconds_below(os.getpid()) - before
                         os.write(news, line_of(CodeTime(told := supervisor.code_seconds)))
                         os.write(news, line_of(Warmed({}, {}, over=True)))

@@ -1,6 +1,6 @@
 """Preparation before the clock starts: references not kept yet are computed, and kernels are compiled.
 
-Each solver takes a few steps of one of its runs, whose result is thrown away. First in forked processes, which fill
+Each solver takes a few steps of one of its runs, whose result is thrown away. First in a forked process, which fills
 the compiler's cache on disk and may crash; then, if that went well, in the parent of all runs, so that every fork finds
 the compiled code in memory. Plugins are never run in the parent.
 """
@@ -13,9 +13,11 @@ import select
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
+from ..metrics import passes
 from ..reference.computation import LARGEST, reference_of
 from ..results.naming import format_name
 from ..sandbox.apart import TICK, Apart
@@ -110,65 +112,71 @@ def list_motions(specs: Sequence[RunSpec]) -> list[RunSpec]:
     return list(first.values())
 
 
-def references_apart(
-    jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda: False, meanwhile: Callable[[], object] = lambda: None
-) -> dict[str, float]:
-    """Compute, in a process of its own, the references of ``jobs`` that are not kept yet; wall time [s] by variant.
+@dataclass(frozen=True)
+class Task:
+    """A part of the preparation: ``apart`` in a process of its own; ``here`` once that has sent what times it took."""
 
-    One that fails or crashes here is left to its runs. ``meanwhile`` is called in this process.
+    apart: Callable[[Callable[[str], None]], object]  # sends the times [s] of solvers and of references, by name
+    limit: float = LIMIT  # [s]
+    here: Callable[[], object] = lambda: None
+
+
+def prepare(
+    specs: Sequence[RunSpec], jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda: False,
+    told: Callable[[dict[str, float], dict[str, float]], object] = lambda times, references: None,
+) -> None:  # fmt: skip
+    """Compile what measures and the solvers of ``specs``, and compute the references of ``jobs``; load the code here.
+
+    Some at a time, each in a forked process, which fills the caches and may crash; ends when ``unwanted``. ``told`` is
+    called with the times [s] that solvers and references took, as soon as they are known. The first solver compiles the
+    kernels that others share, while references keep the others from compiling them too.
     """
-
-    def run(send: Callable[[str], None]) -> None:
-        for job in jobs:
-            began = time.monotonic()
-            with contextlib.suppress(Exception):
-                for plugin in job.plugins:
-                    registry.load_plugin(plugin)
-                reference_of(registry.make_problem(job.spec.problem, job.spec.parameters))
-            name = format_name(job.spec.problem, job.spec.parameters)
-            send(json.dumps({name: time.monotonic() - began}))
-
-    times: dict[str, float] = {}
-    limit = 6.0 * LARGEST * max(len(jobs), 1)
-    process = Apart(run, limit=limit, memory=MEMORY, code=CODE_LIMIT)
-    meanwhile()
-    for line in process.wait(unwanted).sent.splitlines():
-        times |= json.loads(line)
-    return times
-
-
-def _warming(spec: RunSpec) -> Callable[[Callable[[str], None]], None]:
-    return lambda send: send(json.dumps(warm([spec])))
-
-
-def warm_apart_then_here(
-    specs: Sequence[RunSpec],
-    unwanted: Callable[[], bool] = lambda: False,
-    warmed: Callable[[dict[str, float]], object] = lambda times: None,
-) -> None:
-    """Warm in forked processes, then here what went well there. Ends when ``unwanted``.
-
-    ``warmed`` is called with the time [s] that a solver took, as soon as it is known.
-    """
-    well: list[RunSpec] = []
-    waiting, going = list(reversed(specs)), dict[Apart, RunSpec]()  # one that hangs takes no other's time
+    solvers, laws = [_compile(spec) for spec in specs], Task(_load_laws, here=passes.load)
+    waiting = [*solvers[:1], laws, *map(_compute, jobs), *solvers[1:]][::-1]
+    going = dict[Apart, Task]()  # one that hangs takes no other's time
     try:
         while (waiting or going) and not unwanted():
             while waiting and len(going) < ABREAST:
-                spec = waiting.pop()
-                process = Apart(_warming(spec), limit=LIMIT, memory=MEMORY, code=CODE_LIMIT)
-                going[process] = spec
+                task = waiting.pop()
+                going[Apart(task.apart, limit=task.limit, memory=MEMORY, code=CODE_LIMIT)] = task
             select.select([p.pipe for p in going if not p.closed_at], [], [], TICK)
             for process in list(going):
                 if (ended := process.look()) is not None:
-                    spec = going.pop(process)
+                    task = going.pop(process)
                     for line in ended.sent.splitlines():
-                        if times := json.loads(line):
-                            warmed(times)
-                            well.append(spec)
+                        told(*json.loads(line))
+                        task.here()
     finally:
         for process in going:
             process.kill()
             process.wait()
-    if not unwanted():
-        warm(well)
+
+
+def _compile(spec: RunSpec) -> Task:
+    """Compile a solver; one that fails is left to its runs."""
+
+    def apart(send: Callable[[str], None]) -> None:
+        if times := warm([spec]):
+            send(json.dumps([times, {}]))
+
+    return Task(apart, here=lambda: warm([spec]))
+
+
+def _load_laws(send: Callable[[str], None]) -> None:
+    passes.load()
+    send(json.dumps([{}, {}]))
+
+
+def _compute(job: Job) -> Task:
+    """Compute the reference of a run that is not kept yet; one that fails is left to its runs."""
+
+    def apart(send: Callable[[str], None]) -> None:
+        began = time.monotonic()
+        with contextlib.suppress(Exception):
+            for plugin in job.plugins:
+                registry.load_plugin(plugin)
+            reference_of(registry.make_problem(job.spec.problem, job.spec.parameters))
+        name = format_name(job.spec.problem, job.spec.parameters)
+        send(json.dumps([{}, {name: time.monotonic() - began}]))
+
+    return Task(apart, 6.0 * LARGEST)

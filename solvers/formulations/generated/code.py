@@ -6,9 +6,10 @@ begins with the digest of its content: one that is damaged or cut short is made 
 
 import contextlib
 import ctypes
+import fcntl
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,18 +94,42 @@ def _place(key: str, machine: llvm.TargetMachine) -> Place:
 def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) -> bytes:
     """The object file of ``ir``, from disk if it is there."""
     place = _place(ir if isinstance(ir, str) else key, machine)
+    if (content := _read(place)) is not None:
+        return content
+    with _alone(place):
+        if (content := _read(place)) is not None:  # another process has made it meanwhile
+            return content
+        content = _compile(ir if isinstance(ir, str) else ir(), machine)
+        with contextlib.suppress(OSError):  # nowhere to write
+            FOLDER.mkdir(parents=True, exist_ok=True)
+            place.write(hashlib.sha256(content).digest() + content, durable=False)
+            _remove_oldest(FOLDER, MOST)
+    return content
+
+
+def _read(place: Place) -> bytes | None:
+    """The object kept there; None if there is none, or a damaged one."""
     with contextlib.suppress(OSError):
         kept = place.read(LARGEST)
         digest, content = kept[:32], kept[32:]
         if hashlib.sha256(content).digest() == digest:
             os.utime(place.path)  # used: the last to be removed
             return content
-    content = _compile(ir if isinstance(ir, str) else ir(), machine)
-    with contextlib.suppress(OSError):  # nowhere to write
-        FOLDER.mkdir(parents=True, exist_ok=True)
-        place.write(hashlib.sha256(content).digest() + content, durable=False)
-        _remove_oldest(FOLDER, MOST)
-    return content
+    return None
+
+
+@contextlib.contextmanager
+def _alone(place: Place) -> Iterator[None]:
+    """Keep other processes from making the same object meanwhile: each has a byte of one file to lock.
+
+    Where no lock is to be had, both make it.
+    """
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(OSError):
+            FOLDER.mkdir(parents=True, exist_ok=True)
+            file = held.enter_context((Place(FOLDER) / "lock").open_file(os.O_RDWR | os.O_CREAT))
+            fcntl.lockf(file, fcntl.LOCK_EX, 1, int(place.name[:15], 16))
+        yield
 
 
 def _remove_oldest(folder: Path, most: int) -> None:
