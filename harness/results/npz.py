@@ -86,7 +86,7 @@ def _decompress(content: bytes, largest: int) -> bytes:
 
 @functools.lru_cache(1024)
 def _read_header(content: bytes) -> tuple[tuple[int, ...], bool, np.dtype, int]:
-    """Shape, order and type of an NPY file that begins so, and where its data begin: many arrays of a file are alike."""
+    """Shape, order and type in the header of an NPY file, and where its data begin: many arrays have the same."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

@@ -142,20 +142,28 @@ def name_file(run_id: str, *, brief: bool) -> str:
 
 
 def check_series(path: Path | Place, sha256: str) -> None:
-    """FileError if it is not the recorded file of this schema; its arrays stay packed."""
-    _read(path, sha256, "meta".__eq__)
+    """FileError if it is not the recorded file; one whose digest was not recorded must be whole and of this schema."""
+    if sha256:
+        _read_content(path, sha256)
+    else:
+        _read(path, sha256, "meta".__eq__)
 
 
-def _read(
-    path: Path | Place, sha256: str, wanted: Callable[[str], bool]
-) -> tuple[Head, dict[str, np.ndarray], dict[str, Envelope]]:
-    """The head of the file, the arrays that are ``wanted`` and envelopes, or FileError."""
+def _read_content(path: Path | Place, sha256: str) -> bytes:
     try:
         content = place_of(path).read(LARGEST)
     except OSError as error:
         raise FileError(f"cannot read: {error.strerror or error}") from None
     if sha256 and hashlib.sha256(content).hexdigest() != sha256:
         raise FileError("not the file that was recorded (truncated or changed)")
+    return content
+
+
+def _read(
+    path: Path | Place, sha256: str, wanted: Callable[[str], bool]
+) -> tuple[Head, dict[str, np.ndarray], dict[str, Envelope]]:
+    """The head of the file, the arrays that are ``wanted`` and envelopes, or FileError."""
+    content = _read_content(path, sha256)
     try:
         arrays = read_npz(content, LARGEST, wanted)
         head = convert_shape(parse_json(str(arrays.pop("meta", "")), "meta"), Head, "meta")

@@ -18,6 +18,7 @@ from ...harness.results.provenance import stamp_of
 from ...harness.results.provisional import latest_of_each
 from ...harness.results.records import RunRecord
 from ...harness.results.series import Series, read_series
+from ...harness.results.series import check_series as check_series_file
 from ...harness.results.shadows import Nearest, nearest_of, read_nearest
 from ...harness.results.words import why
 from ...harness.types import Status
@@ -213,7 +214,7 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     for r in loaded.records if check_series else ():
         try:
             if r.series:
-                _read_without_poses(folder, r.series, r.series_sha256)
+                check_series_file(folder / r.series, r.series_sha256)
         except FileError as error:
             faults[r.run_id] = f"its series file {r.series}: {error}"
     sound = [r for r in loaded.records if r.run_id not in faults]

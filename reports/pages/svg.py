@@ -107,7 +107,8 @@ def sketch(p: Picture, words: str) -> Markup:
     """A mechanism on paper: bodies, joints, supports, arrows of unit length, names."""
     at = _fit_to_page(np.concatenate([p.lines.reshape(-1, 2), p.ground.reshape(-1, 2)]), 420.0, 300.0, 46.0)
     ways = [(name, 26.0 * float(way[0]), -26.0 * float(way[1])) for name, way in p.arrows]
-    ink = np.array([at(a + u * (b - a)) for a, b in p.lines for u in np.linspace(0.0, 1.0, 50)]).reshape(-1, 2)
+    a, b = p.lines[:, None, 0], p.lines[:, None, 1]
+    ink = at(a + np.linspace(0.0, 1.0, 50)[:, None] * (b - a)).reshape(-1, 2)
     placed = [(name, *_beside(np.array(at(c)), name, ink)) for name, c in p.names]
     return _draw("sketch", words, at(p.lines), at(p.joints), at(p.ground), ways, placed)
 

@@ -45,7 +45,7 @@ def test_the_first_pass_runs_its_part_and_the_second_the_rest_once(tmp_path, cap
     said = " ".join(capsys.readouterr().out.split())
     assert "index.html 1 of 3 runs of the suite are still to come" in said
     for name in ("index.html", "runs.html"):
-        assert "2 runs of the 3 of the suite whole are here, 1 to come" in (page.parent / name).read_text("utf-8")
+        assert "2 runs of the 3 of the suite whole are here, 1 to come:" in (page.parent / name).read_text("utf-8")
     assert written_of(page) == "2"
 
     assert main([*run, "--resume"]) == 0
@@ -72,7 +72,8 @@ def test_only_names_a_suite_that_is_included(tmp_path, capsys):
 def test_make_bench_judges_and_reports_both_passes():
     """Each pass is run, judged and reported before the next begins."""
     dry = subprocess.run(["make", "-n", "-C", str(ROOT), "bench"], capture_output=True, text=True, check=True).stdout
-    words = [line.partition("bin/mbsbench ")[2].partition(" >")[0] for line in dry.splitlines() if "bin/mbsbench " in line]
+    calls = [line.partition("bin/mbsbench ")[2] for line in dry.splitlines()]
+    words = [call.partition(" >")[0] for call in calls if call]
     suite = words[0].split()[1]
     assert suite in ("bench", "bench_engines")
     pass_ = ["judge --partial", "report"]
@@ -83,7 +84,7 @@ def test_the_first_page_has_the_numbers_of_each_solver_on_each_problem(matrices)
     """Energy error, constraint and steps beside the status, under the heat map of the same runs."""
     html = matrices.read_text(encoding="utf-8")
     tables = html.partition('id="numbers"')[2].partition("<h2")[0]
-    assert tables.count("<table") == html.partition("<h2 id=\"heat\"")[2].partition("<tbody>")[0].count("data-slug=")
+    assert tables.count("<table") == html.partition('<h2 id="heat"')[2].partition("<tbody>")[0].count("data-slug=")
     for head in ("max |E−E₀| [J]", "Error [m]", "max |φ| [m]", "Steps", "Status"):
         assert tables.count(f">{head}</th>") == tables.count("<table")
 
@@ -95,7 +96,7 @@ def test_an_open_page_says_when_the_report_has_been_written_anew(browser, tmp_pa
     put(tmp_path, record("aa01"))
     tab = browser.open(site.build(tmp_path))
     notice = "document.querySelector('[data-written]')"
-    assert "1 run of the 2 of the suite bench is here, 1 to come" in tab.evaluate(f"{notice}.textContent")
+    assert "1 run of the 2 of the suite bench is here, 1 to come:" in tab.evaluate(f"{notice}.textContent")
     put(tmp_path, record("aa02", dt_s=0.005))
     site.build(tmp_path)
     tab.until(f"{notice}.textContent.includes('written anew, with 2 runs')")
