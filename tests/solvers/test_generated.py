@@ -192,6 +192,34 @@ def test_another_process_finds_the_object(tmp_path):
     assert (first.strip(), second.strip()) == ("2", "0")
 
 
+def test_one_process_makes_an_object_while_others_wait_for_it(tmp_path):
+    """Three begin at once; each object is made by one of them, and one that is not shared waits for nobody."""
+    script = (
+        "import pathlib, sys, time\n"
+        "from mbsbench.solvers.formulations.generated import code\n"
+        "code.FOLDER = pathlib.Path(sys.argv[1])\n"
+        "original = code._compile\n"
+        "def slow(*x):\n"
+        "    time.sleep(1.0)\n"
+        "    print('made')\n"
+        "    return original(*x)\n"
+        "code._compile = slow\n"
+        "print('ready', flush=True)\n"
+        "sys.stdin.readline()\n"
+        "for key in ('shared', sys.argv[2]):\n"
+        "    code.Code(lambda: f'define void @f() {{\\n  ret void\\n}}\\n; {key}', key)\n"
+    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    started = [subprocess.Popen([sys.executable, "-c", script, tmp_path, str(k)], **pipes) for k in range(3)]
+    assert [p.stdout.readline() for p in started] == ["ready\n"] * 3
+    for p in started:
+        p.stdin.write("\n")
+        p.stdin.flush()
+    made = sorted(p.communicate(timeout=60)[0].count("made") for p in started)
+    assert made == [1, 1, 2] and [p.returncode for p in started] == [0, 0, 0]
+    assert len(list(tmp_path.glob("*.o"))) == 4
+
+
 def test_what_cannot_be_code_is_refused():
     """Operations without counterpart and names that are not there, in words."""
     with pytest.raises(ValueError, match="no machine code"):
