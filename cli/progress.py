@@ -78,10 +78,10 @@ class Watch:
         self.tick()
 
     def on_end(self, job: Job, record: RunRecord) -> None:
-        self.running.pop(job.id, None)
+        _, since = self.running.pop(job.id, (job, math.nan))
         self.done += 1
-        if record.wall_s > 0.0:
-            self.estimate.learn(job.spec, record.wall_s)
+        if record.wall_s > 0.0 and since == since:
+            self.estimate.learn(job.spec, time.monotonic() - since)
         relative = record.energy_drift_max_J / record.energy_scale_J
         if record.status != Status.REFUSED and relative > self.worst[0]:
             self.worst = (relative, job.spec.case)

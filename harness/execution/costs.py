@@ -59,6 +59,7 @@ class Costs(Shape, frozen=True):
 
     loop_s: float  # [s] of ``measure_loop`` on the machine of the table
     process_s: float  # [s] to start and end the processes of a run
+    store_s: float  # [s] from its record to the next run in its place: its files are written, its news told
     load_s: float  # [s] to load the package and compiled code, before the first run
     laws_s: float  # [s] of CPU to compile what measures
     reference_s: float  # [s] to compute a reference
@@ -229,7 +230,8 @@ def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | N
     costs, slow = read_costs(), slowness(jobs)
     earlier = durations(local or store.LOCAL, suite)
     known: dict[str, Facts] = {}
-    runs = {s.settings_id: earlier.get(s.settings_id) or slow * cost_of_run(s, _facts(s, known), costs) for s in specs}
+    own = {s.settings_id: earlier.get(s.settings_id) or slow * cost_of_run(s, _facts(s, known), costs) for s in specs}
+    runs = {settings: seconds + slow * costs.store_s for settings, seconds in own.items()}
     if not specs:
         return Expectation(runs, 0.0, 0.0, jobs)
     return Expectation(runs, slow * costs.load_s, slow * _cost_of_once(specs, costs, known), jobs)
@@ -243,8 +245,8 @@ def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectat
 
 
 def _cost_of_once(specs: Sequence[RunSpec], costs: Costs, known: dict[str, Facts]) -> float:
-    """Wall time [s] to compile and compute what is not remembered: laws beside references, then solvers abreast."""
-    warm, cores = Prepared(), os.cpu_count() or 1
+    """Wall time [s] to compile and compute what is not remembered: laws, references and solvers abreast."""
+    warm = Prepared()
     motions = [s for s in list_motions(specs) if _facts(s, known).has_computed_reference]
     named = (reference_name(format_name(s.problem, s.parameters)) for s in motions)
     references = sum(costs.reference_s for name in named if not warm.has(name))
@@ -253,8 +255,8 @@ def _cost_of_once(specs: Sequence[RunSpec], costs: Costs, known: dict[str, Facts
     shared = SHARED if max(compiled, default=0.0) > SHARED else 0.0
     own = sum(c - shared if c > shared else c for c in compiled)
     laws = 0.0 if warm.has(LAWS) else costs.laws_s
-    first = max(laws, references) if cores > 1 else laws + references
-    return first + shared + own / min(cores, ABREAST)
+    whole, longest = laws + references + shared + own, max([laws, min(references, costs.reference_s), *compiled])
+    return max(whole / min(os.cpu_count() or 1, ABREAST), longest)
 
 
 def reference_name(variant: str) -> str:
