@@ -5,6 +5,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from ..catalogue import registry
@@ -32,7 +33,7 @@ class RunSpec:
     min_time: float = 0.0  # [s] of CPU for which a solve of less than 20 ms is repeated
     label: str = ""
 
-    @property
+    @cached_property
     def settings_id(self) -> str:
         """Digest of what shapes the motion, the code apart."""
         return _digest(self._settings())
