@@ -51,7 +51,8 @@ def fit(records: Iterable[RunRecord], compiled: dict[str, float]) -> str:
     rest = [r.wall_s - r.measure_s - r.setup_s - r.repeats * r.cpu_median_s for r in once]
     out = ["# Made by tests/benchmarks/fit_costs.py: see there, and costs.py for the meaning.",
            f"loop_s = {min(measure_loop() for _ in range(20)):.3g}", f"process_s = {fmean(rest):.3g}",
-           f"store_s = {kept.store_s:.3g}", f"load_s = {kept.load_s:.3g}", f"laws_s = {compiled['']:.3g}", f"reference_s = {kept.reference_s:.3g}",
+           f"store_s = {kept.store_s:.3g}", f"load_s = {kept.load_s:.3g}", f"laws_s = {compiled['']:.3g}",
+           f"reference_s = {kept.reference_s:.3g}",
            f"measure_s = {measuring[0]:.3g}",
            f"measure_us = [{', '.join(f'{1e6 * x:.3g}' for x in measuring[1:])}]", ""]  # fmt: skip
     for name in sorted({r.solver for r, *_ in good}):
