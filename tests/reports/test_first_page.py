@@ -19,7 +19,8 @@ from mbsbench.reports import site
 from mbsbench.reports.mechanism.stage import FRAMES
 from mbsbench.reports.model.margin import margin
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.model.words import number, seconds
+from mbsbench.reports.model.words import number, seconds, time
+from mbsbench.reports.model.words import whole as count
 from mbsbench.reports.pages.runs.overview import ENGINES
 
 from .browser import OVERFLOW
@@ -201,9 +202,17 @@ def shown(table: pd.DataFrame) -> set[str]:
         out |= {number(part, 2 if part >= 0.1 else 1), f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: refused: no"}
         out.add(f"{r.solver} on {r.problem}, dt = {r.dt_s:g} s: success: the energy error is "
                 f"{number(r.energy_drift_max_J)} of {number(0.1)} J allowed")  # fmt: skip
-    whole = (finest.assign(well=finest.status == "success").groupby("solver").well.sum()).to_dict()
-    out |= {f"{n} of {table.problem.nunique()}" for n in whole.values()}
-    out.add(f"{sum(n == 2 for n in whole.values())} of {len(whole)} solvers stay within every limit on all 2 problems")
+        out |= {f"dt = {r.dt_s:g} s", time(r.t_reached_s), count(r.steps), count(r.evaluations), number(r.cpu_median_s)}
+        out |= {number(x) for x in (r.energy_drift_max_J, r.position_error_max_m, r.phi_max, r.phi_dot_max)}
+    for problem in PROBLEMS:
+        ends = Counter(finest[finest.problem == problem].status)
+        words = {"success": "succeeded", "wrong": "wrong", "refused": "refused"}
+        out.add(" and ".join(f"{ends[k]} {word}" for k, word in words.items() if ends[k]))
+    within = (finest.assign(well=finest.status == "success").groupby("solver").well.sum()).to_dict()
+    out |= {f"{n} of {table.problem.nunique()}" for n in within.values()}
+    out.add(
+        f"{sum(n == 2 for n in within.values())} of {len(within)} solvers stay within every limit on all 2 problems"
+    )
     out |= {f"≤ {edge}" for edge in ("10⁻⁴", "0.001", "0.01", "0.1", "1", "1.5", "4")}
     for r in wrong.itertuples():
         (reason,) = json.loads(r.wrong_because)

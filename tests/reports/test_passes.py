@@ -83,7 +83,7 @@ def test_make_bench_judges_and_reports_both_passes():
 def test_the_first_page_has_the_numbers_of_each_solver_on_each_problem(matrices):
     """Energy error, constraint and steps beside the status, under the heat map of the same runs."""
     html = matrices.read_text(encoding="utf-8")
-    tables = html.partition('id="numbers"')[2].partition("<h2")[0]
+    tables = html.partition('id="numbers"')[2].partition("</details>")[0]
     assert tables.count("<table") == html.partition('<h2 id="heat"')[2].partition("<tbody>")[0].count("data-slug=")
     for head in ("max |E−E₀| [J]", "Error [m]", "max |φ| [m]", "Steps", "Status"):
         assert tables.count(f">{head}</th>") == tables.count("<table")
