@@ -87,7 +87,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         (Place(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where = _stamp(request)
         jobs = _jobs(request, folder.resolve(), where)
-        own = {job.id for job in jobs}
+        own, whole = {job.id for job in jobs}, {spec.settings_id for spec in request.suite.specs}
         again, killed = _provisional(folder, own, before.records)
         again += _set_outdated_aside(folder, jobs, before.records)
         done = {r.run_id for r in before.records} - {u.path.stem for u in again}
@@ -104,7 +104,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         def collect_results() -> Loaded:
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
             loaded = Loaded(tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable))
-            store.write_table(folder, loaded.records)
+            store.write_table(folder, tuple(r for r in now.records if r.settings_id in whole))
             if request.is_newest:
                 store.point_latest(folder)
             return loaded

@@ -74,18 +74,26 @@ class Frontier:
         """The same with its numbers; empty where it is decided."""
         best, after = self.places[:2]
         first, second, lead = best.run.record.solver, after.run.record.solver, number(after.factor, 3)
-        spread = f"{number(best.spread, 3)} (quartiles of {plural(best.run.record.repeats, 'repeat')})"
+        words = "quartiles" if math.isfinite(best.run.record.cpu_q1_s) else "ends"  # older records have the ends alone
+        spread = f"spread by {number(best.spread, 3)} ({words} of {plural(best.run.record.repeats, 'repeat')})"
         match self.doubt:
             case "tie":
-                return f"a tie: {second} takes {lead} times as long as {first}, whose CPU times spread by {spread}"
+                known = f"whose CPU times {spread}" if best.spread > 1.0 else "of which no spread is known"
+                return f"a tie: {second} takes {lead} times as long as {first}, {known}"
             case "spread":
-                return f"the CPU times of {first} spread by {spread}, more than the {lead} times that {second} takes"
+                return f"the CPU times of {first} {spread}, more than the {lead} times that {second} takes"
         return ""
 
 
 def doubt_of(spread: float, lead: float) -> Doubt:
-    """Undecided where the cheapest's ``spread`` exceeds its ``lead``; with a lead below ``EQUAL`` it is a tie."""
-    return "" if not spread > lead else "tie" if lead < EQUAL else "spread"
+    """Undecided where the cheapest's ``spread`` exceeds its ``lead``; with a lead below ``EQUAL`` it is a tie.
+
+    A single timing has no spread: there a lead below ``EQUAL`` is a tie, too.
+    """
+    known = spread > 1.0  # not of one timing (1), and not of a median within the clock's grain (NaN)
+    if spread > lead or (not known and lead < EQUAL):
+        return "tie" if lead < EQUAL else "spread"
+    return ""
 
 
 def frontiers(results: Results) -> list[Frontier]:

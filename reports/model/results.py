@@ -27,7 +27,7 @@ T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
 UNKNOWN = "not recorded"
-SERIES = 1000  # without poses that are kept: half a megabyte each
+SERIES = 200  # without poses that are kept: half a megabyte each
 STAMPED = ("numpy", "scipy")  # packages of the line
 
 

@@ -23,6 +23,7 @@ Scripts are classic, deferred and in the order given: from a disk neither module
 
 import importlib
 import multiprocessing
+import pickle
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -177,9 +178,14 @@ def write_pages(site: Site) -> None:
     """Let every page module hand its pages over, those apart in a second process."""
     apart = {m.__name__: getattr(m, "APART", False) for m in writers()}
     with ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
-        beside = pool.submit(_write_some, [m for m in apart if apart[m]], site)
+        untouched = pickle.dumps(site)  # now: the pool would do so beside what is written here
+        beside = pool.submit(_write_apart, [m for m in apart if apart[m]], untouched)
         _write_some([m for m in apart if not apart[m]], site)
         site.take(beside.result())
+
+
+def _write_apart(modules: Sequence[str], untouched: bytes) -> Pending:
+    return _write_some(modules, pickle.loads(untouched))
 
 
 def _write_some(modules: Sequence[str], site: Site) -> Pending:

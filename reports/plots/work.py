@@ -213,7 +213,7 @@ def _describe_point(p: Point, *, whole: bool) -> str:
     marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
     ending = [] if c.status in ("success", "unknown") else [c.status.replace("_", " ")]
     low, high = map(seconds, cpu_range(r))
-    cpu = [f"CPU {low} to {high} in {r.repeats} repeats"] if r.repeats > 1 else (
+    cpu = [f"CPU {low} to {high}, the middle half of {r.repeats} repeats"] if r.repeats > 1 else (
         ["single timing"] if r.repeats else [])  # fmt: skip
     steps = [f"{number(float(r.steps))} steps"] if r.steps >= 0 else []
     return ", ".join([r.case.removeprefix(f"{c.variant} ") if whole else c.step_words, *marks, *ending, *cpu, *steps])

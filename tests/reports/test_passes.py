@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from mbsbench.cli.__main__ import main
@@ -55,6 +56,8 @@ def test_the_first_pass_runs_its_part_and_the_second_the_rest_once(tmp_path, cap
     assert main(["report", str(folder)]) == 0
     assert "to come" not in capsys.readouterr().out
     assert "data-written" not in page.read_text(encoding="utf-8") and written_of(page) == "3"
+    assert main([*run, "--only", "part", "--resume"]) == 0
+    assert len(pd.read_parquet(folder / "runs.parquet")) == 3
 
 
 def test_only_names_a_suite_that_is_included(tmp_path, capsys):
@@ -84,6 +87,7 @@ def test_the_first_page_has_the_numbers_of_each_solver_on_each_problem(matrices)
     """Energy error, constraint and steps beside the status, under the heat map of the same runs."""
     html = matrices.read_text(encoding="utf-8")
     tables = html.partition('id="numbers"')[2].partition("</details>")[0]
+    assert tables.count("<table") > 0
     assert tables.count("<table") == html.partition('<h2 id="heat"')[2].partition("<tbody>")[0].count("data-slug=")
     for head in ("max |E−E₀| [J]", "Error [m]", "max |φ| [m]", "Steps", "Status"):
         assert tables.count(f">{head}</th>") == tables.count("<table")

@@ -73,7 +73,13 @@ def test_the_frontier_is_published_with_losses_first(tmp_path, monkeypatch):
 def test_each_cell_of_the_frontier_is_decided_or_says_why():
     """The mark stands where the spread exceeds the lead, and nowhere without its word."""
     row = {"engine": None, "cheapest": "alpha", "cpu_s": 1e-3, "below_reference": False}
-    for spread, lead, ending in ((1.5, 1.3, " ≈ spread"), (1.2, 1.05, " ≈ tie"), (1.3, 1.3, ", –"), (1.0, 1.05, ", –")):
+    for spread, lead, ending in (
+        (1.5, 1.3, " ≈ spread"),
+        (1.2, 1.05, " ≈ tie"),
+        (1.3, 1.3, ", –"),
+        (1.0, 1.05, " ≈ tie"),
+        (1.0, 1.3, ", –"),
+    ):
         assert list_engines._place(row | {"spread": spread, "next": lead}).endswith(ending)
 
 

@@ -9,6 +9,7 @@ import ctypes
 import fcntl
 import hashlib
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 FOLDER = cache_folder("generated", Path(__file__).parent / "__pycache__")
 LARGEST = 1 << 28  # bytes of an object
 MOST = 1 << 29  # bytes of all that are kept: some thousand kernels
+WAIT = 60.0  # [s] for another process to make an object: most take less than five
 LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on tapes
 
 
@@ -122,13 +124,18 @@ def _read(place: Place) -> bytes | None:
 def _alone(place: Place) -> Iterator[None]:
     """Keep other processes from making the same object meanwhile: each has a byte of one file to lock.
 
-    Where no lock is to be had, both make it.
+    Where no lock is to be had, or not within ``WAIT``, both make it.
     """
     with contextlib.ExitStack() as held:
         with contextlib.suppress(OSError):
             FOLDER.mkdir(parents=True, exist_ok=True)
             file = held.enter_context((Place(FOLDER) / "lock").open_file(os.O_RDWR | os.O_CREAT))
-            fcntl.lockf(file, fcntl.LOCK_EX, 1, int(place.name[:15], 16))
+            until = time.monotonic() + WAIT  # not for ever: who holds it may be stopped, or on a machine that is gone
+            while time.monotonic() < until:
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, int(place.name[:15], 16))
+                    break
+                time.sleep(0.01)
         yield
 
 

@@ -15,7 +15,7 @@ from ..conftest import run_in
 
 OURS = registry.make_solver("rattle", {})  # whose solves the clock replaces
 SET_UP = 0.003  # [s] of each call, beside integration
-TIMED = ("work", "frontier", "engines", "paper", "bench", "bench_engines")  # suites of which reports show a frontier
+TIMED = ("work", "frontier", "engines", "paper", "bench", "bench_engines")  # suites made for the times of the frontier
 
 
 class Clock:
@@ -189,4 +189,4 @@ rtol = 1e-4
     assert once.repeats == 1 < loop.repeats and loop.status == "success"
     assert (once.series_sha256, once.steps, once.counters) == (loop.series_sha256, loop.steps, loop.counters)
     assert 0.0 < loop.cpu_min_s <= loop.cpu_q1_s <= loop.cpu_median_s <= loop.cpu_q3_s <= loop.cpu_max_s < 0.02
-    assert "the first alone counts" not in json.loads(loop.notes)
+    assert worker.FIRST not in json.loads(loop.notes)
