@@ -97,9 +97,6 @@ class Ida:
             ("IDASVtolerances", NUMBER(rtol), tolerances),
             ("IDASetLinearSolver", solver, matrix),
             ("IDASetJacFn", self._jacobian),
-            # its factor for steps since the matrix was made would hold for multipliers, too, which no test holds: they
-            # would grow from rounding wherever nothing else needs a second iteration
-            ("IDASetLinearSolutionScaling", ctypes.c_int(0)),
             ("IDASetInitStep", NUMBER(first_step)),
             ("IDASetMaxStep", NUMBER(max_step)),
             ("IDASetMaxNumSteps", ctypes.c_long(ONE_STEP_LIMIT)),

@@ -2,21 +2,16 @@
 
     S = sum over bodies  X_a J^-1 X_c^T + sign_a sign_c f_a . f_c / m,   f the force of a row, X its torque in the body
 
-A pivot below ``DEPENDENT`` of its own diagonal is that of a redundant row: the other rows are exact for right-hand
-sides that belong to a motion. The rank may change with the configuration. Rows of a joint share its reaction so that it
-is the smallest, whichever is redundant: a block D is inverted by D^+ = P D^- P, with D^- of the rows kept and P the
-projection along the vectors z of D z = 0. Forces across a plane mechanism are then zero in every frame. With rows left
-out they would be as large as those in the plane, and slender bars have too little axial inertia for an iteration then.
+A pivot below ``DEPENDENT`` of its own diagonal is that of a redundant row: its multiplier is 0 and the other rows are
+exact for right-hand sides that belong to a motion. The rank may change with the configuration.
 """
 
 import math
 
 from .blocks import WIDTH
-from .entries import apart, inner_fused
+from .entries import inner_fused
 
 DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weakest true pivots of our problems are 1e-4
-WEAK = 1e-6  # likewise: with such a pivot in its block the order of rows is chosen by pivots
-SAFE = 0.1  # of the largest pivot of a block: the first row that has as much comes first
 
 
 def factorise(k):
@@ -45,7 +40,7 @@ def _factorise(k, W):
 
     ``k.state.shift`` is added to the diagonal, relative to it: with more than ``DEPENDENT`` no row is dropped.
     """
-    b, L, nj, rank, swaps = k.blocks, k.L, len(k.blocks.joint), 0, 0
+    b, L, nj, rank = k.blocks, k.L, len(k.blocks.joint), 0
     for p in range(len(b.other)):
         for a in range(W):
             for c in range(W):
@@ -70,25 +65,11 @@ def _factorise(k, W):
         for a in range(size):
             k.diagonal[b.row[col] + a] = L[b.start[col], a, a]
             L[b.start[col], a, a] *= 1.0 + k.state.shift
-            k.swap[b.row[col] + a] = a
     for col in range(nj):
         d, size = b.start[col], b.size[col]
-        for a in range(size):
-            k.left[b.row[col] + a] = L[d, a, a]
-        kept, weak = _diagonal(L, d, size, k.diagonal, b.row[col])
-        swapped = 0
-        if weak > 0:
-            kept, swapped = _choose_pivots(L, d, size, k.diagonal, k.left, k.swap, b.row[col])
-        rank += kept
-        swaps += swapped
-        if kept < size:
-            _find_null_vectors(L, d, size)
+        rank += _diagonal(L, d, size, k.diagonal, b.row[col])
         for p in range(d + 1, b.start[col + 1]):  # L_pd = S_pd L_dd^-T
             height = b.size[b.other[p]]
-            if swapped > 0:
-                for a in range(height):
-                    for c in range(size):
-                        L[p, a, c], L[p, a, k.swap[b.row[col] + c]] = L[p, a, k.swap[b.row[col] + c]], L[p, a, c]
             if size == W:  # as a constant it has the loops unrolled: half the time of a full block
                 _divide(L, p, d, W, height)
             else:
@@ -101,20 +82,14 @@ def _factorise(k, W):
                     for q in range(W):
                         x += L[left, a, q] * L[right, c, q]
                     L[target, a, c] -= x
-    k.state.rank, k.state.swaps = rank, swaps
+    k.state.rank = rank
 
 
 @inner_fused
 def _solve(k, W):
     b, L, x, nj = k.blocks, k.L, k.rhs, len(k.blocks.joint)
-    redundant, moved = k.state.rank < len(x), k.state.swaps > 0
     for col in range(nj):
         d, size, row = b.start[col], b.size[col], b.row[col]
-        if moved:
-            for c in range(size):
-                x[row + c], x[row + k.swap[row + c]] = x[row + k.swap[row + c]], x[row + c]
-        if redundant:
-            _project(L, d, size, x, row)
         for a in range(size):
             y = x[row + a]
             for q in range(a):
@@ -139,11 +114,6 @@ def _solve(k, W):
             for q in range(a + 1, size):
                 y -= L[d, q, a] * x[row + q]
             x[row + a] = y * L[d, a, a]
-        if redundant:
-            _project(L, d, size, x, row)
-        if moved:
-            for c in range(size - 1, -1, -1):
-                x[row + c], x[row + k.swap[row + c]] = x[row + k.swap[row + c]], x[row + c]
 
 
 @inner_fused
@@ -196,109 +166,18 @@ def _subtract_transposed(L, p, x, row, size, at, height):
 
 @inner_fused
 def _diagonal(L, d, size, diagonal, row):
-    """Cholesky of one diagonal block, its diagonal inverted; the number of rows kept, and of those with weak pivots."""
-    kept, weak = 0, 0
+    """Cholesky of one diagonal block, its diagonal inverted."""
+    kept = 0
     for c in range(size):
         x = L[d, c, c]
         for q in range(c):
             x -= L[d, c, q] * L[d, c, q]
         inverse = 1.0 / math.sqrt(x) if x > DEPENDENT * diagonal[row + c] else 0.0
         kept += inverse > 0.0
-        weak += not x > WEAK * diagonal[row + c]
         L[d, c, c] = inverse
         for a in range(c + 1, size):
             x = L[d, a, c]
             for q in range(c):
                 x -= L[d, a, q] * L[d, c, q]
             L[d, a, c] = x * inverse
-    return kept, weak
-
-
-@apart
-def _choose_pivots(L, d, size, diagonal, left, swap, row):
-    """The factor of the block again, its rows in an order of safe pivots; the numbers of rows kept and swapped."""
-    for a in range(size):  # the other half still has the block
-        L[d, a, a] = left[row + a]
-        for c in range(a):
-            L[d, a, c] = L[d, c, a]
-    kept, swapped = 0, 0
-    for c in range(size):
-        best, at = 0.0, c
-        for a in range(c, size):
-            best = max(best, _pivot(L, d, a, c) / diagonal[row + a])
-        while at + 1 < size and not _pivot(L, d, at, c) >= SAFE * best * diagonal[row + at]:
-            at += 1
-        swap[row + c] = at
-        if at != c:
-            swapped += 1
-            _swap_rows(L, d, size, c, at)
-            diagonal[row + c], diagonal[row + at] = diagonal[row + at], diagonal[row + c]
-        pivot = _pivot(L, d, c, c)
-        inverse = 1.0 / math.sqrt(pivot) if pivot > DEPENDENT * diagonal[row + c] else 0.0
-        kept += inverse > 0.0
-        L[d, c, c] = inverse
-        for a in range(c + 1, size):
-            x = L[d, a, c]
-            for q in range(c):
-                x -= L[d, a, q] * L[d, c, q]
-            L[d, a, c] = x * inverse
-    return kept, swapped
-
-
-@inner_fused
-def _pivot(L, d, a, c):
-    """What is left of the diagonal entry of row ``a`` after ``c`` pivots."""
-    x = L[d, a, a]
-    for q in range(c):
-        x -= L[d, a, q] * L[d, a, q]
-    return x
-
-
-@inner_fused
-def _swap_rows(L, d, size, c, a):
-    """Swap rows and columns c < a of a block whose first c columns are factored; its lower half alone counts."""
-    for q in range(c):
-        L[d, c, q], L[d, a, q] = L[d, a, q], L[d, c, q]
-    L[d, c, c], L[d, a, a] = L[d, a, a], L[d, c, c]
-    for e in range(c + 1, a):
-        L[d, e, c], L[d, a, e] = L[d, a, e], L[d, e, c]
-    for e in range(a + 1, size):
-        L[d, e, c], L[d, e, a] = L[d, e, a], L[d, e, c]
-
-
-@inner_fused
-def _find_null_vectors(L, d, size):
-    """Vectors z of D z = 0, orthogonal, above the diagonal of the block: column c of a redundant row, whose z_c = 1."""
-    for c in range(size):
-        if L[d, c, c] != 0.0:
-            continue
-        for q in range(c - 1, -1, -1):
-            x = -L[d, c, q]
-            for a in range(q + 1, c):
-                x -= L[d, a, q] * L[d, a, c]
-            L[d, q, c] = x * L[d, q, q]
-        for e in range(c):
-            if L[d, e, e] == 0.0:
-                share, square = L[d, e, c], 1.0
-                for q in range(e):
-                    share += L[d, q, c] * L[d, q, e]
-                    square += L[d, q, e] * L[d, q, e]
-                share /= square
-                L[d, e, c] -= share
-                for q in range(e):
-                    L[d, q, c] -= share * L[d, q, e]
-
-
-@inner_fused
-def _project(L, d, size, x, row):
-    """x := P x of the block's rows."""
-    for c in range(size):
-        if L[d, c, c] == 0.0:
-            share, square = x[row + c], 1.0
-            for q in range(c):
-                share += L[d, q, c] * x[row + q]
-                square += L[d, q, c] * L[d, q, c]
-            share /= square
-            x[row + c] -= share
-            for q in range(c):
-                x[row + q] -= share * L[d, q, c]
+    return kept

@@ -21,7 +21,7 @@ from . import evaluation, factor, user_forces
 from .blocks import WIDTH, Blocks, analyse
 from .entries import Bound, reach
 
-STATE = np.dtype([("shift", "f8"), ("rank", "i8"), ("swaps", "i8")])
+STATE = np.dtype([("shift", "f8"), ("rank", "i8")])
 
 
 class Users(NamedTuple):
@@ -44,7 +44,7 @@ class Kernel(NamedTuple):
     pins: Any  # (nj,) 1: the first three rows are point rows, the others have no force
     blocks: Blocks
     users: Users
-    state: Any  # record: shift of S's diagonal (relative), rank found, rows swapped
+    state: Any  # record: shift of S's diagonal (relative), rank found
     t: Any  # (1,) [s], to be set before rows and forces are evaluated
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)
@@ -60,9 +60,7 @@ class Kernel(NamedTuple):
     lam: Any  # (nrows,) reaction conjugate to phi
     rhs: Any  # (nrows,) right-hand side and solution of S
     L: Any  # (nblocks, WIDTH, WIDTH): S, then its factor; diagonal entries inverted, 0 for a redundant row
-    diagonal: Any  # (nrows,) of S, what its pivots are compared with, in the order of pivots
-    left: Any  # (nrows,) the diagonal of blocks of S as they are factored
-    swap: Any  # (nrows,) row of its block that was swapped with each when it became a pivot
+    diagonal: Any  # (nrows,) of S, what its pivots are compared with
     change: Any  # (nb, 6)
     x: Any  # (nrows,) of ``push``, ``push_kept``: multipliers; of ``slips`` its result
     w: Any  # (nb, 6) of ``push``, ``push_kept``, ``slips``, ``divide``: velocities
@@ -179,7 +177,6 @@ def empty_kernel(system: MultibodySystem) -> Kernel:
         t=np.zeros(1), r=bodies(3), R=bodies(3, 3), v=bodies(6), v_dot=bodies(6), force=bodies(6),
         X=np.zeros((2, nr, 3)), Y=np.zeros((2, nr, 3)), way=np.zeros((nr, 3)), phi=np.zeros(nr), slip=np.zeros(nr),
         gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), diagonal=np.zeros(nr),
-        left=np.zeros(nr), swap=np.zeros(nr, dtype=np.int64),
         L=np.zeros((len(blocks.other), width, width)), change=bodies(6),
         x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
         pair=pair, by_pose=np.zeros((len(pair), 6, 6)), by_rate=np.zeros((len(pair), 6, 6)),

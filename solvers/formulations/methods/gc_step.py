@@ -309,10 +309,6 @@ def take_step(s, h, t):
                 return -1.0
             if refreshed < REFRESHES:
                 g.factored = 0
-                if g.rank < len(s.nu):  # a factor of other poses led out of the plane of redundant rows
-                    change = np.inf
-                    if refreshed == 0:
-                        _estimate(s, h, t)
         before = change
     return -1.0
 

@@ -5,7 +5,6 @@ import numpy as np
 from ..compiled.entries import inner
 
 MOST_ITERATIONS = 60
-SLOW = 0.5  # of the size before: then S is made of the poses at hand, whose redundant rows it has as they are
 GO_ON, SETTLED, FAILED = range(3)
 
 

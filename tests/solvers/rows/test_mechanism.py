@@ -44,15 +44,13 @@ def solve(problem: Problem, code: str, solver: str = "rkmk_dop853", rtol: float 
     return out
 
 
-def check_same(system: MultibodySystem, one: Trajectory, other: Trajectory) -> None:
-    """As many steps, the same end, and the same load of reactions: redundant rows may share it otherwise by code."""
+def check_same(one: Trajectory, other: Trajectory) -> None:
+    """As many steps, and the same end."""
     assert len(one.t) == len(other.t) and one.reaction is not None and other.reaction is not None
     for name in ("r", "R"):
         assert np.max(np.abs(getattr(one.states, name)[-1] - getattr(other.states, name)[-1])) < SAME
-    s, apart = one.states, one.reaction[-1] - other.reaction[-1]
-    at = State(s.r[-1], s.R[-1], s.v[-1], s.Omega[-1], float(one.t[-1]))
     largest = max(1.0, float(np.max(np.abs(one.reaction), initial=0.0)))
-    assert np.max(np.abs(constraint_jacobian(system, at).T @ apart), initial=0.0) < 1e3 * SAME * largest
+    assert np.max(np.abs(one.reaction[-1] - other.reaction[-1]), initial=0.0) < 1e3 * SAME * largest
 
 
 def check_accelerations(system: MultibodySystem, s: State) -> None:
@@ -101,27 +99,17 @@ def test_projection_meets_the_constraints(system: MultibodySystem) -> None:
         assert np.max(np.abs(rows(system, States.one(now)))) < rounding
 
 
-@pytest.mark.parametrize("solver", ["rkmk_dop853", "gc_extrapolated"])
-def test_redundant_rows_change_code_by_less_than_its_tolerance(solver: str) -> None:
-    """Off the constraints, where stages are, rows that share a reaction give other steps than rows left out."""
-    problem = dataclasses.replace(make_problem("bricard", {}), t_end=0.5)
-    exact = solve(problem, "kernel", "rkmk_dop853", 1e-13)
-    for code in ("mechanism", "kernel"):
-        out = solve(problem, code, solver)
-        assert np.max(np.abs(out.states.r[-1] - exact.states.r[-1])) < 1e-7  # rtol 1e-9
-
-
-@pytest.mark.parametrize("name", [name for name in PROBLEMS if name != "bricard"])
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_code_gives_the_kernels_motion(name: str) -> None:
     """Straight code instead of loops over joints: the same steps, the same motion and reactions to rounding."""
     problem = dataclasses.replace(make_problem(name, {}), t_end=PROBLEMS[name])
-    check_same(problem.system, *(solve(problem, code) for code in ("mechanism", "kernel")))
+    check_same(*(solve(problem, code) for code in ("mechanism", "kernel")))
 
 
 def test_pairs_of_lower_order_run_on_code() -> None:
     """The pair of Dormand and Prince has the same option."""
     problem = dataclasses.replace(make_problem("chain", {}), t_end=0.1)
-    check_same(problem.system, *(solve(problem, code, "rkmk_dopri5", 1e-6) for code in ("mechanism", "kernel")))
+    check_same(*(solve(problem, code, "rkmk_dopri5", 1e-6) for code in ("mechanism", "kernel")))
 
 
 def random_numbers(k: Kernel, s: State, seed: int) -> None:
@@ -163,8 +151,7 @@ RUNS = [
     *((solver, name) for solver in (*FIXED, "al_index3") for name in ("heavy_top", "chain", "damped_linkage")),
     *((solver, "bricard") for solver in FIXED),  # not by ``al_index3``, whose redundant rows share what 1e-7 decides
     *(("radau_ggl", name) for name in ("heavy_top", "chain", "damped_linkage")),
-    *((solver, name) for solver in ("gc_composed", "gc_extrapolated") for name in ("heavy_top", "chain")),
-    ("gc_composed", "bricard"),
+    *((solver, name) for solver in ("gc_composed", "gc_extrapolated") for name in ("heavy_top", "chain", "bricard")),
     ("half_explicit", "rolling_disc"), ("rattle", "stewart_platform"), ("generalized_alpha", "driven_slider_crank"),
 ]  # fmt: skip
 
@@ -174,7 +161,7 @@ def test_every_compiled_solver_has_the_kernels_motion_by_code(solver: str, name:
     """As many steps, the same end and reactions; what made the rows stands in the run."""
     problem = dataclasses.replace(make_problem(name, {}), t_end=PROBLEMS[name])
     new, old = (solve(problem, code, solver) for code in ("mechanism", "kernel"))
-    check_same(problem.system, new, old)
+    check_same(new, old)
     assert any("code of the mechanism" in note for note in new.notes)
     assert not any("code of the mechanism" in note for note in old.notes)
 
@@ -188,7 +175,7 @@ def test_a_symplectic_run_changes_code_within_a_stretch_of_steps(monkeypatch, tm
     for solver in ("rattle", "half_explicit", "generalized_alpha"):
         changed = solve(problem, "auto", solver)
         assert "code of the mechanism from t = " in changed.notes[1]
-        check_same(problem.system, changed, solve(problem, "kernel", solver))
+        check_same(changed, solve(problem, "kernel", solver))
 
 
 @pytest.mark.parametrize("solver", ["rattle", "radau_ggl", "energy_momentum", "gc_composed", "gc_extrapolated"])
@@ -230,12 +217,12 @@ def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, present
 def test_a_run_past_flat_cells_is_the_kernels() -> None:
     """Turning four-bar cells pass the flat position, where the rank of their rows falls."""
     problem = dataclasses.replace(make_problem("n_four_bar", {"windows": 2}), t_end=4.0)
-    check_same(problem.system, *(solve(problem, code, rtol=1e-6) for code in ("mechanism", "kernel")))
+    check_same(*(solve(problem, code, rtol=1e-6) for code in ("mechanism", "kernel")))
 
 
 @pytest.mark.parametrize("angle", [0.1, 1e-3, 1e-5, 1e-7, 0.0])
 def test_rank_changes_as_in_the_kernel(angle: float) -> None:
-    """Four-bar cells that stand by ``angle`` [rad] above flat: with fewer rows, as the kernel."""
+    """Four-bar cells that stand by ``angle`` [rad] above flat: code drops the rows that the kernel drops."""
     problem = make_problem("n_four_bar", {"windows": 2})
     s, turn = problem.initial, so3.exp(np.array([0.0, 0.0, angle - 0.5 * np.pi]))
     up, bridges = np.array([0.0, 1.0, 0.0]), s.r[:, 1] > 0.9  # between the upper ends of bars of 1 m
@@ -248,7 +235,7 @@ def test_rank_changes_as_in_the_kernel(angle: float) -> None:
         start_at(one, flat)
         one.accelerate.run()
     assert (k.state["rank"] < 29) == (angle < 1e-4)
-    assert np.max(np.abs(k.v_dot - c.v_dot)) < 1e-10 and np.count_nonzero(c.lam) <= k.state["rank"]
+    assert np.max(np.abs(k.v_dot - c.v_dot)) < 1e-10 and np.array_equal(k.lam == 0.0, c.lam == 0.0)
 
 
 def test_auto_takes_the_kernel_until_code_pays_and_kept_code_at_once(monkeypatch, tmp_path) -> None:
@@ -264,7 +251,7 @@ def test_auto_takes_the_kernel_until_code_pays_and_kept_code_at_once(monkeypatch
     at_once = solve(problem, "auto")
     assert at_once.notes[0].startswith("code of the mechanism:") and len(at_once.notes) == 1
     for out in (kernel, changed):
-        check_same(problem.system, out, at_once)
+        check_same(out, at_once)
     assert changed.setup_time > changed.cpu_time
 
 
