@@ -18,6 +18,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import psutil
+
 from ..cache import IN_CHECKOUT, ROOT, cache_folder
 from ..catalogue import registry
 from ..files import FileError, parse_json, parse_toml, read_text, to_json, write_text
@@ -92,10 +94,23 @@ def measure_loop() -> float:
 def slowness(jobs: int) -> float:
     """How many times longer than on the idle machine of the table a run takes here, ``jobs`` at a time.
 
-    A core may be slower, and other processes may want it: as many as did in the last minute.
+    A core may be slower, and other processes may want it.
     """
-    cores, others = os.cpu_count() or 1, os.getloadavg()[0]
-    return measure_loop() / read_costs().loop_s * max(1.0, (others + jobs) / cores)
+    cores = os.cpu_count() or 1
+    return measure_loop() / read_costs().loop_s * max(1.0, (count_rivals() + jobs) / cores)
+
+
+def count_rivals() -> float:
+    """Return how many other processes want a core now, the median of five looks.
+
+    Not the load of the last minute: after a first pass, or a build, that was our own.
+    """
+    looks = []
+    for _ in range(5):
+        states = ((p.pid, p.info["status"]) for p in psutil.process_iter(["status"]))
+        looks.append(sum(status == psutil.STATUS_RUNNING for pid, status in states if pid != os.getpid()))
+        time.sleep(0.02)
+    return median(looks)
 
 
 def size_of(system: MultibodySystem) -> float:

@@ -2,7 +2,9 @@
 
 import json
 import math
+import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -136,8 +138,22 @@ def test_a_core_that_others_want_is_slower(monkeypatch):
     monkeypatch.setattr(costs, "measure_loop", lambda: 2.0 * read_costs().loop_s)
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     for others, jobs, factor in ((0.0, 2, 1.0), (5.0, 1, 3.0), (0.0, 4, 2.0), (4.0, 4, 4.0), (1.0, 1, 1.0)):
-        monkeypatch.setattr("os.getloadavg", lambda others=others: (others, 0.0, 0.0))
+        monkeypatch.setattr(costs, "count_rivals", lambda others=others: others)
         assert costs.slowness.__wrapped__(jobs) == pytest.approx(2.0 * factor)
+
+
+def test_rivals_are_the_other_processes_that_run_now(monkeypatch):
+    """Not this one, none that sleeps, and not a burst in one of five looks."""
+    looks = iter([2, 2, 9, 2, 0])
+
+    def process_iter(attributes):
+        assert attributes == ["status"]
+        running = [SimpleNamespace(pid=-k, info={"status": "running"}) for k in range(1, 1 + next(looks))]
+        asleep = SimpleNamespace(pid=-100, info={"status": "sleeping"})
+        return [SimpleNamespace(pid=os.getpid(), info={"status": "running"}), asleep, *running]
+
+    monkeypatch.setattr("psutil.process_iter", process_iter)
+    assert costs.count_rivals() == 2
 
 
 def test_a_problem_of_a_plugin_is_not_made(cold):
