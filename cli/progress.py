@@ -78,10 +78,10 @@ class Watch:
         self.tick()
 
     def on_end(self, job: Job, record: RunRecord) -> None:
-        _, since = self.running.pop(job.id, (job, math.nan))
+        begun = self.running.pop(job.id, None)
         self.done += 1
-        if record.wall_s > 0.0 and since == since:
-            self.estimate.learn(job.spec, time.monotonic() - since)
+        if begun and record.wall_s > 0.0:
+            self.estimate.learn(job.spec, time.monotonic() - begun[1])
         relative = record.energy_drift_max_J / record.energy_scale_J
         if record.status != Status.REFUSED and relative > self.worst[0]:
             self.worst = (relative, job.spec.case)

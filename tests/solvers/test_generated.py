@@ -220,6 +220,19 @@ def test_one_process_makes_an_object_while_others_wait_for_it(tmp_path):
     assert len(list(tmp_path.glob("*.o"))) == 4
 
 
+def test_a_process_that_keeps_its_lock_holds_nobody_up_for_long(tmp_path, monkeypatch):
+    """It may be stopped: the object is made without it."""
+    monkeypatch.setattr(code, "FOLDER", tmp_path)
+    monkeypatch.setattr(code, "WAIT", 0.2)
+    holds = "import fcntl, sys; f = open(sys.argv[1], 'w'); fcntl.lockf(f, fcntl.LOCK_EX); print(flush=True); input()"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", holds, tmp_path / "lock"], **pipes) as holder:
+        assert holder.stdout.readline() == "\n"
+        code.Code("define void @f() {\n  ret void\n}\n", "kept waiting")
+        assert holder.poll() is None and len(list(tmp_path.glob("*.o"))) == 1
+        holder.communicate("\n")
+
+
 def test_what_cannot_be_code_is_refused():
     """Operations without counterpart and names that are not there, in words."""
     with pytest.raises(ValueError, match="no machine code"):

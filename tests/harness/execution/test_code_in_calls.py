@@ -109,7 +109,7 @@ def test_code_made_at_import_before_the_fork_is_no_code_of_the_process(monkeypat
     assert float(cost["setup_s"]) > 1e4 and float(cost["code_s"]) <= code_seconds_of_tree() < 1e4
 
 
-def test_code_that_a_finer_clock_counts_above_the_time_of_the_processes_costs_no_less_than_nothing(monkeypatch):
+def test_no_cost_is_below_zero_where_the_meter_of_code_counts_more_than_the_clock(monkeypatch):
     """/proc counts processes below this one by ticks, and the meter the code that they make."""
     made = iter(float(k) for k in range(100))
     monkeypatch.setattr(worker, "code_seconds_of_tree", lambda: next(made))

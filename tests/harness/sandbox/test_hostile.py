@@ -136,14 +136,14 @@ def test_forces_without_measure_are_wrong(outcome):
 
 
 @pytest.mark.parametrize("how", ["exits", "raises", "no_bound", "no_horizon"])
-def test_a_reference_that_judges_nothing_takes_no_command_along(how, tmp_path, capsys):
+def test_a_reference_that_judges_nothing_takes_no_command_along(how, tmp_path, capsys, monkeypatch):
     """It leaves, raises, or states NaN for its error or horizon: the run has crashed, in a file, with exit code 1."""
+    monkeypatch.setattr(solve_file, "PATIENCE", math.inf)  # however busy the machine, no word on the wait
     out, plugins = tmp_path / "x.npz", ("--plugin", str(PLUGIN), "--plugin", str(HOSTILE))
     line = ("solve", "badly_known", "exact", "--problem-set", f"how={how}", *plugins, "--out", str(out))
     assert main([*line]) == 1
     said = capsys.readouterr()
-    assert "crashed" in said.out
-    assert all(line.startswith("running: ") for line in said.err.splitlines())  # progress, where the machine is busy
+    assert "crashed" in said.out and not said.err
     with np.load(out, allow_pickle=False) as file:
         assert str(file["status"]) == "crashed"
 
