@@ -97,6 +97,12 @@ class Ida:
             ("IDASVtolerances", NUMBER(rtol), tolerances),
             ("IDASetLinearSolver", solver, matrix),
             ("IDASetJacFn", self._jacobian),
+            # SUNDIALS scales a correction for the steps since its matrix was made, multipliers with it, which no test
+            # holds: they grew from rounding wherever nothing else needs a second iteration. Without, and with Newton's
+            # test at 0.1 of the error test in place of 0.33, IDA errs less: 0.75 times (median of 99 pairs of runs), in
+            # 0.88 times as many steps with as many evaluations
+            ("IDASetLinearSolutionScaling", FLAG(0)),
+            ("IDASetNonlinConvCoef", NUMBER(0.1)),
             ("IDASetInitStep", NUMBER(first_step)),
             ("IDASetMaxStep", NUMBER(max_step)),
             ("IDASetMaxNumSteps", ctypes.c_long(ONE_STEP_LIMIT)),

@@ -56,6 +56,23 @@ def test_the_four_bar_windows_are_the_published_ones(
     assert np.hypot(p["B0_x"] - x, p["B0_y"] - y) < allowed
 
 
+@pytest.mark.parametrize(
+    ("solver", "order"),
+    [("gc_augmented_lagrangian", 2), ("gc_composed", 4), ("generalized_alpha", 2), ("energy_momentum", 2),
+     ("rattle", 2), ("half_explicit", 4), ("lie_variational", 2), ("al_index3", 2)],
+)  # fmt: skip
+@pytest.mark.parametrize("code", ["kernel", "mechanism"])
+def test_a_redundant_row_costs_no_order(solver: str, order: int, code: str) -> None:
+    """Which row of Bricard's loop is redundant depends on its pose: a factor of other poses is exact for theirs."""
+    p = make_problem("bricard", {"t_end": 0.4})
+    exact = make_solver("rkmk_dop853").solve(p, StepControl(rtol=1e-13)).states.r[-1]
+    one = make_solver(solver, {"code": code})
+    ends = [one.solve(p, StepControl(dt=dt)) for dt in (0.016, 0.008, 0.004, 0.002)]
+    assert {end.status for end in ends} == {Status.SUCCESS}
+    errors = [np.max(np.abs(end.states.r[-1] - exact)) for end in ends]
+    assert np.all(np.abs(np.log2(np.divide(errors[:-1], errors[1:])) - order) < 0.2)
+
+
 def test_the_hinges_of_bricard_should_lock_it() -> None:
     """30 rows for 30 velocities, of rank 29 along the motion: one freedom that no count of rows finds."""
     p = make_problem("bricard", {"t_end": 0.2})

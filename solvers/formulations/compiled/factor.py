@@ -4,14 +4,21 @@
 
 A pivot below ``DEPENDENT`` of its own diagonal is that of a redundant row: its multiplier is 0 and the other rows are
 exact for right-hand sides that belong to a motion. The rank may change with the configuration.
+
+The three point rows of a hinge are taken across its axis and then along it, whatever the frame: in a plane mechanism
+the rows along the axes are redundant as such. Along the axes of space each of the three would have a share of what
+is redundant, and rounding would decide which one is left out.
 """
 
 import math
 
+from .algebra import times
 from .blocks import WIDTH
-from .entries import inner_fused
+from .entries import inner, inner_fused
 
 DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weakest true pivots of our problems are 1e-4
+ALIGNED = 1e-12  # a hinge's axis is one of space where its other components are below: its rows are taken as they are
+HINGE = 5  # rows of a part whose first three can be turned: point rows with two axis rows
 
 
 def factorise(k):
@@ -41,6 +48,8 @@ def _factorise(k, W):
     ``k.state.shift`` is added to the diagonal, relative to it: with more than ``DEPENDENT`` no row is dropped.
     """
     b, L, nj, rank = k.blocks, k.L, len(k.blocks.joint), 0
+    if W == HINGE:
+        _find_axes(k)
     for p in range(len(b.other)):
         for a in range(W):
             for c in range(W):
@@ -62,6 +71,8 @@ def _factorise(k, W):
                         L[p, a, a] += weight
                 else:
                     _add_translations(k.way, at, to, height, size, weight, L, p)
+        if W == HINGE:
+            _turn_blocks(k, col)
         for a in range(size):
             k.diagonal[b.row[col] + a] = L[b.start[col], a, a]
             L[b.start[col], a, a] *= 1.0 + k.state.shift
@@ -88,6 +99,8 @@ def _factorise(k, W):
 @inner_fused
 def _solve(k, W):
     b, L, x, nj = k.blocks, k.L, k.rhs, len(k.blocks.joint)
+    if W == HINGE:
+        _turn_rows(k, x)
     for col in range(nj):
         d, size, row = b.start[col], b.size[col], b.row[col]
         for a in range(size):
@@ -114,6 +127,95 @@ def _solve(k, W):
             for q in range(a + 1, size):
                 y -= L[d, q, a] * x[row + q]
             x[row + a] = y * L[d, a, a]
+    if W == HINGE:
+        _turn_rows_back(k, x)
+
+
+@inner
+def _find_axes(k):
+    """Fill ``k.turn`` with the directions of each hinge's point rows, two across its axis and the axis, in space.
+
+    Where its rows are taken as they are, row 0 is zero.
+    """
+    b = k.blocks
+    for col in range(len(b.joint)):
+        j, row, Q = b.joint[col], b.row[col], k.turn[col]
+        Q[0, 0] = Q[0, 1] = Q[0, 2] = 0.0
+        if k.pins[j] == 0 or b.size[col] != HINGE:
+            continue
+        X, R = k.X[0], k.R[k.body[j, 0]]  # torques of the two axis rows are normal to the axis
+        x = X[row + 3, 1] * X[row + 4, 2] - X[row + 3, 2] * X[row + 4, 1]
+        y = X[row + 3, 2] * X[row + 4, 0] - X[row + 3, 0] * X[row + 4, 2]
+        z = X[row + 3, 0] * X[row + 4, 1] - X[row + 3, 1] * X[row + 4, 0]
+        a = times(R, x, y, z)
+        size = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+        if size > 0.0:
+            _set_directions(Q, a[0] / size, a[1] / size, a[2] / size)
+
+
+@inner
+def _set_directions(Q, x, y, z):
+    """Q := two directions across (x, y, z), the first normal to its least component's axis too, and (x, y, z)."""
+    least, u, v, w = abs(z), -y, x, 0.0
+    if abs(y) < least:
+        least, u, v, w = abs(y), z, 0.0, -x
+    if abs(x) < least:
+        u, v, w = 0.0, -z, y
+    size = math.sqrt(u * u + v * v + w * w)
+    u, v, w = u / size, v / size, w / size
+    if max(min(abs(x), abs(y)), min(abs(y), abs(z)), min(abs(x), abs(z))) < ALIGNED:
+        return
+    Q[0, 0], Q[0, 1], Q[0, 2] = u, v, w
+    Q[1, 0], Q[1, 1], Q[1, 2] = y * w - z * v, z * u - x * w, x * v - y * u
+    Q[2, 0], Q[2, 1], Q[2, 2] = x, y, z
+
+
+@inner
+def _is_turned(Q):
+    """Return whether point rows are taken in the directions of Q, whose first is never along z."""
+    return Q[0, 0] != 0.0 or Q[0, 1] != 0.0
+
+
+@inner
+def _turn_blocks(k, col):
+    """Turn the rows and columns of S below the diagonal block of ``col``, and of that block, to the directions."""
+    b, L, Q = k.blocks, k.L, k.turn[col]
+    for p in range(b.start[col], b.start[col + 1]):
+        P = k.turn[b.other[p]]
+        if _is_turned(P):
+            for c in range(b.size[col]):
+                x, y, z = L[p, 0, c], L[p, 1, c], L[p, 2, c]
+                for a in range(3):
+                    L[p, a, c] = P[a, 0] * x + P[a, 1] * y + P[a, 2] * z
+        if _is_turned(Q):
+            for a in range(b.size[b.other[p]]):
+                x, y, z = L[p, a, 0], L[p, a, 1], L[p, a, 2]
+                for c in range(3):
+                    L[p, a, c] = Q[c, 0] * x + Q[c, 1] * y + Q[c, 2] * z
+
+
+@inner
+def _turn_rows(k, x):
+    """x := its point rows of hinges in their directions."""
+    b = k.blocks
+    for col in range(len(b.joint)):
+        Q, row = k.turn[col], b.row[col]
+        if _is_turned(Q):
+            u, v, w = x[row], x[row + 1], x[row + 2]
+            for a in range(3):
+                x[row + a] = Q[a, 0] * u + Q[a, 1] * v + Q[a, 2] * w
+
+
+@inner
+def _turn_rows_back(k, x):
+    """x := its point rows of hinges along the axes of space again."""
+    b = k.blocks
+    for col in range(len(b.joint)):
+        Q, row = k.turn[col], b.row[col]
+        if _is_turned(Q):
+            u, v, w = x[row], x[row + 1], x[row + 2]
+            for a in range(3):
+                x[row + a] = Q[0, a] * u + Q[1, a] * v + Q[2, a] * w
 
 
 @inner_fused

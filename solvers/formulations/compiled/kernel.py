@@ -61,6 +61,7 @@ class Kernel(NamedTuple):
     rhs: Any  # (nrows,) right-hand side and solution of S
     L: Any  # (nblocks, WIDTH, WIDTH): S, then its factor; diagonal entries inverted, 0 for a redundant row
     diagonal: Any  # (nrows,) of S, what its pivots are compared with
+    turn: Any  # (nj, 3, 3) by blocks: directions in which S has the point rows of hinges, 0 0 0 for those of space
     change: Any  # (nb, 6)
     x: Any  # (nrows,) of ``push``, ``push_kept``: multipliers; of ``slips`` its result
     w: Any  # (nb, 6) of ``push``, ``push_kept``, ``slips``, ``divide``: velocities
@@ -177,7 +178,7 @@ def empty_kernel(system: MultibodySystem) -> Kernel:
         t=np.zeros(1), r=bodies(3), R=bodies(3, 3), v=bodies(6), v_dot=bodies(6), force=bodies(6),
         X=np.zeros((2, nr, 3)), Y=np.zeros((2, nr, 3)), way=np.zeros((nr, 3)), phi=np.zeros(nr), slip=np.zeros(nr),
         gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), diagonal=np.zeros(nr),
-        L=np.zeros((len(blocks.other), width, width)), change=bodies(6),
+        L=np.zeros((len(blocks.other), width, width)), turn=np.zeros((len(parts), 3, 3)), change=bodies(6),
         x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
         pair=pair, by_pose=np.zeros((len(pair), 6, 6)), by_rate=np.zeros((len(pair), 6, 6)),
         rate_slope=np.zeros((2, nr, 6)),

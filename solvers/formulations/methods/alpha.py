@@ -26,7 +26,7 @@ from ..compiled.bundles import make_record, make_step
 from ..compiled.entries import inner, run
 from ..compiled.host import Method, tolerance_of
 from ..compiled.marching import STUCK
-from .iteration import FAILED, MOST_ITERATIONS, has_settled
+from .iteration import FAILED, MOST_ITERATIONS, SLOW, has_settled
 from .products import add_scaled, move, set_rates
 
 COUNTERS = ("iterations", "factorisations")
@@ -69,16 +69,17 @@ def step(s):
     copy(k.v, s.v0)
     copy(k.v_dot, s.vdot0)
     clear(s.slack)
-    last, state = np.inf, 0
+    last, state, slow = np.inf, 0, False
     for i in range(MOST_ITERATIONS):
         _predict(s, k, h)
         run(k.rows)
-        if i == 0:
+        if i == 0 or slow:
             run(k.factorise)
             c.factorisations += 1
         size = _correct(s, k, h)
         c.iterations += 1
         state = has_settled(size, last, s.scheme.tolerance)
+        slow = size > SLOW * last
         last = size
         if state != 0:
             break

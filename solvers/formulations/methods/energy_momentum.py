@@ -28,7 +28,7 @@ from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from ..compiled.means import make_means
 from ..compiled.mechanism import use_mean_code
-from .iteration import FAILED, MOST_ITERATIONS, has_settled
+from .iteration import FAILED, MOST_ITERATIONS, SLOW, has_settled
 from .products import add_scaled, set_rates
 
 ARRAYS = {
@@ -73,16 +73,17 @@ def step(s):
     copy(k.v, s.v0)
     copy(k.v, s.v)
     _add(1.0, s.gain, s.v)
-    last, state = np.inf, 0
+    last, state, slow = np.inf, 0, False
     for i in range(MOST_ITERATIONS):
         _set_end(s, k, m)
         run(m.mean_rows)
-        if i == 0:
+        if i == 0 or slow:
             run(k.factorise)
             c.factorisations += 1
         size = _correct(s, k, m)
         c.iterations += 1
         state = has_settled(size, last, s.scheme.tolerance)
+        slow = size > SLOW * last
         last = size
         if state != 0:
             break

@@ -287,8 +287,8 @@ def take_step(s, h, t):
     g = s.scheme
     _estimate(s, h, t)
     change, before, refreshed = np.inf, np.inf, 0
-    if g.fall < SINKING:  # on its way to a loss of rank: seen step by step
-        g.factored = 0
+    if g.fall < SINKING or g.rank < len(s.nu):
+        g.factored = 0  # on its way to a loss of rank, seen step by step; or exact for motions of its own poses alone
     for _ in range(MOST + 1):
         move_poses(s)
         if change < g.tolerance:

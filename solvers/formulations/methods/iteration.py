@@ -5,6 +5,7 @@ import numpy as np
 from ..compiled.entries import inner
 
 MOST_ITERATIONS = 60
+SLOW = 0.5  # of the size before: then S is factored anew, whose redundant rows are those of the poses at hand
 GO_ON, SETTLED, FAILED = range(3)
 
 
