@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..harness.catalogue import registry
+from ..harness.execution.costs import describe_command
 from ..harness.execution.runner import new_folder
 from ..harness.fuzz.campaign import Settings, run_campaign
 from ..harness.fuzz.cases import NONE, read_case, write_cases, write_page
@@ -21,6 +22,7 @@ from ..harness.fuzz.oracle import FINDINGS, SHOWN, Kind, Outcome, Verdict
 from ..harness.fuzz.presenting import Form
 from ..harness.fuzz.report import choose, describe
 from .arguments import UsageError, count_jobs, load_plugins, parse_assignments
+from .progress import announce
 from .terminal import Column, console, error_console, plural, print_json, print_table
 
 
@@ -42,7 +44,11 @@ def run(arguments: argparse.Namespace) -> int:
     numbers = range(arguments.first, arguments.first + arguments.mechanisms)
     pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
     left = [(n, s) for n, s in pairs if Trial(settings, "", Outcome(s, Kind.SOUND, number=n)).key not in done]
-    for outcome in run_campaign(settings, left, count_jobs(arguments.jobs)):
+    jobs, before = count_jobs(arguments.jobs), len(pairs) - len(left)
+    kept = f", {before} already done" if before else ""
+    time_needed = f": {describe_command('fuzz', len(left), jobs)}, and what has to be compiled" if left else ""
+    announce(f"{plural(len(pairs), 'trial')}{kept}, {jobs} at a time{time_needed}", error_console())
+    for outcome in run_campaign(settings, left, jobs):
         append_trial(folder, Trial(settings, code_of(outcome.solver), outcome))
         if outcome.kind in SHOWN and not arguments.json:
             error_console().print(describe(outcome))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.text import Text
 
+from ..harness.execution.costs import describe_command
 from ..harness.places import Place
 from ..harness.referee import judge as judging
 from ..harness.referee.certificates.orders import select_motion
@@ -22,7 +23,8 @@ from ..harness.suites.spec import RunSpec
 from ..reports.model import claim_words
 from .arguments import UsageError, check_not_installed
 from .findings import print_findings
-from .terminal import Column, console, error_console, print_table, print_unreadable
+from .progress import announce
+from .terminal import Column, console, error_console, plural, print_table, print_unreadable
 
 STYLE = {
     Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.MIXED: "yellow", Verdict.REFUTED: "bold red",
@@ -57,6 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     before = None if arguments.publish else read_claims(published)
     if before is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
+    size = len(loaded.records)
+    announce(f"{plural(size, 'run')} to be judged: {describe_command('judge', size)}", error_console())
     with store.in_use(folder):
         judged = judge_results(folder, register, lambda part: error_console().print(f"judging: {part}"))
         code = code_now(register, judging.list_whole())

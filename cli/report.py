@@ -2,10 +2,12 @@
 
 import argparse
 
+from ..harness.execution.costs import describe_command
 from ..harness.places import Place
 from ..harness.results import store
 from .arguments import UsageError, find_results
-from .terminal import console
+from .progress import announce
+from .terminal import console, error_console, plural
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -23,6 +25,8 @@ def run(arguments: argparse.Namespace) -> int:
     with store.in_use(folders[-1]):
         if len(folders) == 1:
             results = read_results(folders[0])
+            size = len(results.runs)
+            announce(f"pages of {plural(size, 'run')}: {describe_command('report', size)}", error_console())
             index = write_site(results, Place(folders[0]) / "report")
             if results.to_come:
                 to_come = (f"{results.to_come} of {results.suite_runs} runs of the suite are still to come; "

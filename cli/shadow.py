@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from ..harness.execution.again import rebuild_spec
+from ..harness.execution.costs import describe_command
 from ..harness.execution.run_file import read_run
 from ..harness.execution.solve_file import solve_to_file
 from ..harness.foreign.judge import read_trajectory
@@ -20,14 +21,18 @@ from ..harness.shadow.shadow import find_shadow
 from ..harness.types import Problem, Trajectory
 from .arguments import UsageError, find_results, load_plugins, load_problem
 from .findings import print_findings
+from .progress import announce
 from .referee import parse_settings
 from .show import find_run
-from .terminal import console
+from .terminal import console, error_console, plural
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the findings; return 0 where a shadow is found over the whole time within a tenth of the reach, else 1."""
     title, problem, trajectory, run = _read_motion(arguments)
+    steps, bodies = len(trajectory.t) - 1, problem.system.nb
+    time_needed = describe_command("shadow", steps * bodies)
+    announce(f"{plural(steps, 'step')}, bodies: {bodies}: {time_needed}, more where no motion is near", error_console())
     shadow = find_shadow(problem, trajectory, arguments.t_end)
     found = describe_shadow(shadow)
     good = all(f.holds for f in found)

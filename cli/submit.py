@@ -4,10 +4,12 @@ import argparse
 
 from ..harness.execution.runner import new_folder
 from ..harness.ladder.bundling import read_entry, write_bundle
+from ..harness.ladder.instances import KINDS, STEPS
 from ..harness.ladder.ranking import rank_entries
-from ..harness.ladder.submission import read_submission, run_submission
+from ..harness.ladder.submission import CPU_LIMIT, REPEATS, read_submission, run_submission
 from .arguments import writable_file
-from .terminal import console, error_console, print_json
+from .progress import announce
+from .terminal import console, error_console, plural, print_json
 
 UNFENCED = (
     "warning: this system cannot keep a submission from files and other processes; run what you do not trust elsewhere"
@@ -21,6 +23,9 @@ def run(arguments: argparse.Namespace) -> int:
     if not submission.fenced:
         error_console().print(UNFENCED)
     folder = new_folder(f"submit-{submission.name}")
+    runs = len(KINDS) * len(STEPS[submission.control])
+    announce(f"{plural(runs, 'run')}, {REPEATS} times each, then measured: at most {CPU_LIMIT:g} s of CPU each time",
+             error_console())  # fmt: skip
     for r in run_submission(submission, arguments.seed, folder):
         if not arguments.json:
             setting = r.dt_s if r.control == "dt" else r.rtol

@@ -67,6 +67,7 @@ class Costs(Shape, frozen=True):
     reference_s: float  # [s] to compute a reference
     measure_s: float  # [s] to measure a short run
     measure_us: tuple[float, float, float]  # [us] for each step more
+    commands: dict[str, tuple[float, float]]  # [s] of wall time of a command, and for each run, trial, step of a body
     solvers: dict[str, SolverCost]
 
 
@@ -250,6 +251,12 @@ def expect(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | N
     if not specs:
         return Expectation(runs, 0.0, 0.0, jobs)
     return Expectation(runs, slow * costs.load_s, slow * _cost_of_once(specs, costs, known), jobs)
+
+
+def describe_command(name: str, count: int, jobs: int = 1) -> str:
+    """Return ``about 20 s``: what a command of the table takes here for ``count`` runs, trials or steps of bodies."""
+    start, each = read_costs().commands[name]
+    return f"about {in_words(max(1.0, slowness(jobs) * (start + each * count / jobs)))}"
 
 
 def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectation:

@@ -54,7 +54,8 @@ def fit(records: Iterable[RunRecord], compiled: dict[str, float]) -> str:
            f"store_s = {kept.store_s:.3g}", f"load_s = {kept.load_s:.3g}", f"laws_s = {compiled['']:.3g}",
            f"reference_s = {kept.reference_s:.3g}",
            f"measure_s = {measuring[0]:.3g}",
-           f"measure_us = [{', '.join(f'{1e6 * x:.3g}' for x in measuring[1:])}]", ""]  # fmt: skip
+           f"measure_us = [{', '.join(f'{1e6 * x:.3g}' for x in measuring[1:])}]", "", "[commands]",
+           *(f"{name} = [{start:.3g}, {each:.3g}]" for name, (start, each) in kept.commands.items()), ""]  # fmt: skip
     for name in sorted({r.solver for r, *_ in good}):
         own = [row for row in good if row[0].solver == name]
         out += [f"[solvers.{name}]", f"compile_s = {compiled.get(name, 0.0):.3g}",

@@ -11,7 +11,16 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import costs
-from mbsbench.harness.execution.costs import SIZES, Prepared, at_size, cost_of_run, expect, read_costs
+from mbsbench.harness.execution.costs import (
+    SIZES,
+    Prepared,
+    at_size,
+    cost_of_run,
+    describe_command,
+    expect,
+    read_costs,
+)
+from mbsbench.harness.execution.eta import in_words
 from mbsbench.harness.execution.runner import Request, list_waiting
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.store import create, write_record
@@ -204,3 +213,24 @@ def test_those_at_once_are_known_not_to_take_long(cold):
     assert costs.select_quick(specs) == {"mujoco", "ida_index1"}
     Prepared().add(["rattle"])
     assert costs.select_quick(specs) == {"mujoco", "ida_index1", "rattle"}
+
+
+@pytest.mark.parametrize("command", ["judge", "report", "fuzz", "shadow"])
+def test_a_command_takes_longer_for_more(cold, command):
+    """Its start once, and as much for each run, trial or step of a body, shared by those at a time."""
+    start, each = read_costs().commands[command]
+    many = math.ceil(100.0 / each)
+    assert describe_command(command, many) == f"about {in_words(start + each * many)}"
+    assert describe_command(command, 2 * many, 2) == describe_command(command, many)
+
+
+def test_judging_and_reports_say_what_they_will_take(cold, tmp_path, capsys):
+    """On standard error, before they begin."""
+    suite, out = tmp_path / "few.toml", tmp_path / "few"
+    suite.write_text(TEXT)
+    assert main(["run", str(suite), "--out", str(out)]) == 0
+    for command, words in ((["judge", str(out), "--partial"], "2 runs to be judged: about 3 s"),
+                           (["report", str(out)], "pages of 2 runs: about 4 s")):  # fmt: skip
+        capsys.readouterr()
+        main(command)
+        assert words in capsys.readouterr().err
