@@ -24,7 +24,7 @@ def of(variant: str, *solvers: str) -> tuple[str, ...]:
 TOP, CHAIN = "heavy_top[t_end=1]", "chain[t_end=0.5]"
 PENDULUM = "spherical_pendulum[omega_z=3,t_end=5]"
 TURNED = "spherical_pendulum[omega_z=0.1,rotation=(0.3,-0.5,0.7),t_end=5]"
-WRONG = ("spherical_pendulum ida_index1[coordinates=euler313,lambda_in_error_test=true] rtol=0.001",)
+WRONG = ("spherical_pendulum ida_index1[coordinates=euler313,lambda_in_error_test=true] rtol=0.002",)
 TURNING = ("torque_free_body[inertia_factors=(1,1.5,2)] gc_weak_form dt=0.1",)
 INACCURATE = ("spherical_pendulum[omega_z=0.1] gc_weak_form[gauge=zero] dt=0.05",)
 METHODS, SYMBOLIC = "solvers/formulations/methods/", "solvers/formulations/symbolic.py"
