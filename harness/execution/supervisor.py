@@ -24,7 +24,7 @@ from ..sandbox.apart import Ended
 from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out
 from .job import Job
 from .protocol import CodeTime, Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
-from .run import Run, run_and_store, store_outcome, words_of
+from .run import NotBegunError, Run, run_and_store, store_outcome, words_of
 from .warmup import prepare
 
 POLL = 0.1  # [s]
@@ -68,6 +68,8 @@ class Supervisor:
                     return None
         except OSError as error:
             return Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
+        except NotBegunError as error:
+            return Done(job.id, unbegun=str(error))
         return Done(job.id)
 
     @property
