@@ -53,8 +53,8 @@ def fork(
     Returns its keeper's process (and group) and the read end of the pipe on which it sends lines. The keeper takes over
     all that ``target`` starts and leaves, in whatever session; it ends that with the child, waits for it, so that the
     system accounts its CPU time, and then ends as the child did: with exit code 0 if ``target`` returned, 70 if it
-    raised, ``CANNOT_WRITE`` on a full disk. The first line it sends is ``BEGUN``; where the child cannot be prepared for
-    its target, it is the reason. SIGTERM to the keeper ends all at once. Without a ``keeper`` the child's
+    raised, ``CANNOT_WRITE`` on a full disk. The first line it sends is ``BEGUN``; where the child cannot be prepared
+    for its target, it is the reason. SIGTERM to the keeper ends all at once. Without a ``keeper`` the child's
     own process is returned.
     """
     if threading.active_count() > 1:

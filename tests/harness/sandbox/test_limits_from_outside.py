@@ -2,7 +2,6 @@
 
 import errno
 import math
-import os
 import resource
 from pathlib import Path
 
