@@ -55,11 +55,6 @@ def to_json(value: Any, *, indent: int = 0) -> str:
     return (msgspec.json.format(text, indent=indent) if indent else text).decode()
 
 
-def printable(text: str) -> str:
-    """``text`` without what a terminal would obey: other control characters than tab and newline are escaped."""
-    return "".join(c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode() for c in text)
-
-
 def exact(value: Any) -> Any:
     """A value for JSON that is read back as it was: NaN and infinities as text, which ``float`` takes."""
     return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value

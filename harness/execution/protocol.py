@@ -46,7 +46,7 @@ class Warmed(Message, frozen=True):
 
 
 class Done(Message, frozen=True):
-    """A run is over. Its record is stored, but for ``error``, why it could not be, or ``unbegun``, why there is none."""
+    """A run is over. Its record is stored unless ``error`` or ``unbegun`` says why it could not be, or why none is."""
 
     run_id: str
     error: str = ""

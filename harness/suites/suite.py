@@ -17,6 +17,7 @@ from ..catalogue import registry
 from ..catalogue.plugins import resolve_plugin
 from ..files import FileError
 from ..sandbox.trial import try_apart
+from ..text import check_text
 from ..types import Problem
 from .includes import Source, path_of, read_source, source, with_included
 from .shape import Defaults, Group, Names, Tables
@@ -101,6 +102,7 @@ def _expand_file(s: Source, problems: dict[tuple[str, str], Problem]) -> dict[st
     specs: dict[str, RunSpec] = {}
     for k, group in enumerate(s.file.runs, start=1):
         try:
+            check_text("label", group.label or s.file.defaults.label or "")
             for spec in _expand(_add_defaults(group, s.file.defaults), problems):
                 if spec.settings_id in specs:
                     raise ValueError(f"{spec.case} is declared twice")
