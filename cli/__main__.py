@@ -51,8 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stderr.write(f"{INTERRUPTED.get(command, 'interrupted')}\n")
         return 130
     except BrokenPipeError:  # the output pipe is closed (head, less): part of the output is lost, so no success
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        return 128 + signal.SIGPIPE
+        return _leave_pipe()
     except (ValueError, OSError, RuntimeError) as error:
         code, explanation = _explain(error)
         sys.stderr.write(f"error: {' '.join(explanation.split())}\n")
@@ -82,11 +81,34 @@ def _exit_on_signal(number: int, frame: object) -> NoReturn:
 def command_line() -> NoReturn:
     """The command ``mbsbench``."""
     signal.signal(signal.SIGTERM, _exit_on_signal)
+    _open_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # sparklines in the C locale of a batch system
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # an inherited SIG_IGN would make waitpid fail
-    sys.exit(main())
+    code = main()
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = _leave_pipe()
+    sys.exit(code)
+
+
+def _open_streams() -> None:
+    """Open what a caller has closed of standard input, output and error, so that no file of ours takes their place."""
+    for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)  # the lowest that is free
+            os.set_inheritable(opened, True)
+            setattr(sys, name, os.fdopen(opened, "r" if descriptor == 0 else "w", closefd=False))
+
+
+def _leave_pipe() -> int:
+    """Let nothing more be written into the pipe whose reader is gone; return the exit code of a closed pipe."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return 128 + signal.SIGPIPE
 
 
 if __name__ == "__main__":

@@ -64,8 +64,7 @@ def fork(
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     parent = os.getpid()
     read, write = os.pipe()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    _flush()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TOLD)
     pid = os.fork()
     if pid:
@@ -97,9 +96,15 @@ def fork(
             os.write(write, f"{type(error).__name__}: {error}\n".encode(errors="replace"))
         traceback.print_exc()
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        _flush()
         os._exit(code)
+
+
+def _flush() -> None:
+    """Write out what is buffered; a program without terminal may have no streams."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
 
 
 def is_full(error: BaseException) -> bool:
