@@ -54,7 +54,7 @@ def hand_over(job: Job, soft: float = SOFT, problem: Problem | None = None) -> N
     try:
         handover.write(job.handover, _attempt(job, soft, made, problem))
         return
-    except Exception as error:  # the run's own failure, kept as its result
+    except (Exception, SystemExit, KeyboardInterrupt) as error:  # the run's own failure, kept as its result
         if is_full(error):
             raise
         if not isinstance(error, MemoryError):
