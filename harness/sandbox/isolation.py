@@ -72,7 +72,7 @@ def fork(
         os.close(write)
         return pid, read
     os.setsid()  # a group of its own
-    _end_with(parent)
+    end_with(parent)
     if keeper:
         _keep((read, write))
     code, begun = 70, False
@@ -185,7 +185,7 @@ def _keep(pipe: tuple[int, int]) -> None:
     own = os.getpid()
     child = os.fork()
     if not child:
-        _end_with(own)
+        end_with(own)
         set_keeper(own)
         return
     os.closerange(3, max(1024, *pipe) + 1)  # the parent's own, and both ends
@@ -215,9 +215,9 @@ def _reap() -> dict[int, int]:
     return found
 
 
-def _end_with(parent: int) -> None:
-    """Die when the parent does, even by SIGKILL: otherwise nothing would end this process at its limits."""
-    _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+def end_with(parent: int, number: int = signal.SIGKILL) -> None:
+    """Get a signal when the parent dies, even by SIGKILL: otherwise nothing would end this process at its limits."""
+    _prctl(PR_SET_PDEATHSIG, number)
     if os.getppid() != parent:  # it went before we asked
         os._exit(70)
 

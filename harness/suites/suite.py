@@ -60,7 +60,8 @@ def _build_suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     files = tuple(dict.fromkeys([*map(resolve_plugin, plugins), *(p for s in sources for p in _resolve_plugins(s))]))
     if files:  # foreign code may hang, crash or leave when it is loaded or makes a problem
         try:
-            specs, parts = try_apart(own.where, lambda: _collect_specs(own, sources, files))
+            loaded = ", ".join(Path(f).name for f in files)
+            specs, parts = try_apart(f"{own.where} with {loaded}", lambda: _collect_specs(own, sources, files))
         except ValueError as error:
             raise FileError(" ".join(str(error).split())) from None
     else:
