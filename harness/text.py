@@ -23,12 +23,13 @@ def find_unaccepted(text: str) -> str:
     return f"U+{ord(character):04X}{f' ({known})' * bool(known)}" if character else ""
 
 
-def check_text(what: str, text: object) -> None:
-    """Raise ValueError unless ``text`` is a text that may name something; ``what`` is its name in the message."""
+def check_text(what: str, text: object) -> str:
+    """Return ``text`` if it is a text that may name something, else ValueError; ``what`` is its name in the message."""
     if not isinstance(text, str):
         raise ValueError(f"{what} must be text (got {text!r})")
     if found := find_unaccepted(text):
         raise ValueError(f"{what} must not contain {found} (got {text!r})")
+    return text
 
 
 def printable(text: str) -> str:

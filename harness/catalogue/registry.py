@@ -90,7 +90,7 @@ def read_declaration(solver: Solver) -> tuple[str, float]:
     """The paper's name of ``solver`` and the order in dt it claims (NaN: none); certificates hold it to that."""
     label, order = getattr(solver, "paper_label", None), getattr(solver, "order", math.nan)
     where = f"solver {solver.name}"
-    check_text(f"{where}: paper_label", label)
+    label = check_text(f"{where}: paper_label", label)
     if isinstance(order, bool) or not isinstance(order, int | float):
         raise TypeError(f"{where}: order must be a number, the order in dt it claims (got {order!r})")
     if not (math.isnan(order) or 0.0 < order < math.inf):

@@ -240,8 +240,9 @@ def assemble(
     names = tuple(joint.name or f"joint {k + 1}" for k, joint in single)
     joints = [joint for _, joint in single]
     counts = [ROWS[j.sort] for j in joints]
-    for k, part in enumerate((*bodies, *joints)):
-        check_text(f"name of {'body' if k < len(bodies) else 'joint'}", part.name or "")
+    for kind, given in (("body", [b.name for b in bodies]), ("joint", [j.name for j in joints])):
+        for name in given:
+            check_text(f"name of {kind}", name or "")
     return MultibodySystem(
         mass=freeze_array([b.mass for b in bodies], (len(bodies),)),
         inertia=freeze_array([b.inertia for b in bodies], (len(bodies), 3, 3)),

@@ -21,7 +21,8 @@ from ..mechanics.system import MultibodySystem, RigidBody, assemble
 from ..mechanics.torsion import torsion
 from ..seals import remove_unsealed, seal_files
 
-P, T = ParamSpec("P"), TypeVar("T")
+P = ParamSpec("P")
+T = TypeVar("T")
 KEPT, FILES = cache_folder("laws", Path(__file__).parent / "__pycache__"), "passes.*.nb?"
 _before = numba.config.CACHE_DIR
 numba.config.CACHE_DIR = str(KEPT)

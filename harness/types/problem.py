@@ -110,7 +110,8 @@ class Problem:
     def __post_init__(self) -> None:
         for what in ("name", "section"):
             check_text(f"problem {self.name}: {what}", getattr(self, what))
-        for one in (*self.observables, *self.invariants):
+        named: tuple[Observable | Invariant, ...] = (*self.observables, *self.invariants)
+        for one in named:
             kind = type(one).__name__.lower()
             check_text(f"problem {self.name}: name of an {kind}", one.name)
             check_text(f"problem {self.name}: unit of {kind} {one.name}", one.unit)
