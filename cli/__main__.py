@@ -12,6 +12,7 @@ if not hasattr(os, "fork"):  # before the imports below fail, one by one, on wha
 
 from ..harness import machine
 from ..harness.catalogue.options import nearest
+from ..harness.sandbox.isolation import end_with
 from .commands import add_commands
 from .parser import UsageError, top_parser
 
@@ -20,6 +21,7 @@ INTERRUPTED = {
     "gate": "interrupted; nothing was judged",
 }
 OWN_MESSAGE = ("solve",)
+JUDGING = ("gate",)  # whose exit code 0 is a verdict
 
 os.environ.update(machine.THREADS)  # before NumPy is loaded, which reads them once
 
@@ -51,8 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stderr.write(f"{INTERRUPTED.get(command, 'interrupted')}\n")
         return 130
     except BrokenPipeError:  # the output pipe is closed (head, less): part of the output is lost, so no success
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        return 128 + signal.SIGPIPE
+        return _leave_pipe()
     except (ValueError, OSError, RuntimeError) as error:
         code, explanation = _explain(error)
         sys.stderr.write(f"error: {' '.join(explanation.split())}\n")
@@ -82,11 +83,59 @@ def _exit_on_signal(number: int, frame: object) -> NoReturn:
 def command_line() -> NoReturn:
     """The command ``mbsbench``."""
     signal.signal(signal.SIGTERM, _exit_on_signal)
+    _open_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # sparklines in the C locale of a batch system
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # an inherited SIG_IGN would make waitpid fail
-    sys.exit(main())
+    sys.exit(_judge_apart() if sys.argv[1:2] in ([name] for name in JUDGING) else _run_main())
+
+
+def _run_main() -> int:
+    code = main()
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = _leave_pipe()
+    return code
+
+
+def _judge_apart() -> int:
+    """Run the command in a child: what it loads of others may leave by ``os._exit(0)``, which is no verdict."""
+    sys.stdout.flush()
+    read, write = os.pipe()
+    parent = os.getpid()
+    child = os.fork()
+    if not child:
+        os.close(read)
+        end_with(parent, signal.SIGTERM)
+        code = _run_main()
+        os.write(write, b"came to its end")
+        return code
+    os.close(write)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the child, too, which ends in order
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if code == 0 and not os.read(read, 1):
+        sys.stderr.write("error: the command ended before its verdict: a file that it loaded ended its process\n")
+        return 1
+    return code if code >= 0 else 128 - code
+
+
+def _open_streams() -> None:
+    """Open what a caller has closed of standard input, output and error, so that no file of ours takes their place."""
+    for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)  # the lowest that is free
+            os.set_inheritable(opened, True)
+            setattr(sys, name, os.fdopen(opened, "r" if descriptor == 0 else "w", closefd=False))
+
+
+def _leave_pipe() -> int:
+    """Let nothing more be written into the pipe whose reader is gone; return the exit code of a closed pipe."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return 128 + signal.SIGPIPE
 
 
 if __name__ == "__main__":

@@ -19,8 +19,16 @@ from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Request, new_folder
 from ..harness.files import write_text
 from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
-from ..harness.gate.check import STATES, WORST, Judged, judge, select_judged, tighten_bounds
-from ..harness.gate.files import annotate, as_plain, junit, markdown
+from ..harness.gate.check import (
+    STATES,
+    WORST,
+    Judged,
+    describe_contradiction,
+    judge,
+    select_judged,
+    tighten_bounds,
+)
+from ..harness.gate.files import JUNIT_BEGUN, MARKDOWN_BEGUN, annotate, as_plain, junit, markdown
 from ..harness.gate.rounding import Repeat, cores_here, repeat_run
 from ..harness.gate.spread import Sample, find_unstable, widen_by_spread
 from ..harness.gate.thresholds import Thresholds, propose_bounds
@@ -43,9 +51,11 @@ COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#",
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge the runs, or propose thresholds; return 1 if the gate is closed, else 0."""
-    for file in filter(None, (arguments.junit, arguments.markdown)):
-        if file.is_file() and not file.is_symlink():
-            file.unlink()  # interrupted, this gate must not be taken for an earlier one
+    for file, words in ((arguments.junit, JUNIT_BEGUN), (arguments.markdown, MARKDOWN_BEGUN)):
+        if file:
+            write_text(
+                file, words
+            )  # before anything foreign is loaded: no earlier verdict, and none of a gate cut short
     arguments.results = arguments.results and find_results(arguments.results)
     if arguments.any_code and not arguments.results:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
@@ -119,6 +129,8 @@ def _load(results: Path) -> tuple[RunRecord, ...]:
         raise UsageError(
             f"{n} file{'s' * (n > 1)} cannot be judged: {first.path}: {first.why}; run it again, or remove it"
         )
+    if doubts := [f"{r.case}: {words}" for r in loaded.records if (words := describe_contradiction(r))]:
+        raise UsageError(f"{plural(len(doubts), 'record')} cannot be judged: {doubts[0]}; run it again, or remove it")
     return loaded.records
 
 

@@ -21,6 +21,6 @@ def run(arguments: argparse.Namespace) -> int:
     print_unreadable(done.unreadable, out)
     for conflict in done.conflicts:
         out.print(f"conflict, the first result is kept: {conflict}")
-    if len(done.codes) > 1:
+    if done.codes:
         out.print(f"results of different code: {', '.join(done.codes)}")
     return code

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
@@ -23,7 +23,7 @@ from ..harness.results.words import why
 from ..harness.sandbox.isolation import describe_lacking
 from ..harness.suites.spec import RunSpec
 from ..harness.types import Status
-from .terminal import error_console, list_unreadable, plural, status_style
+from .terminal import Console, error_console, list_unreadable, plural, status_style
 
 LISTED = 50  # at most so many runs that were not started
 BAR = 30  # characters

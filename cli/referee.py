@@ -8,13 +8,14 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ..harness.files import FileError, printable
+from ..harness.files import FileError
 from ..harness.foreign.conventions import CHOICES, Reading
 from ..harness.foreign.judge import FileSettings, judge_file, list_tables, open_results
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.results.words import judged_error, why
 from ..harness.sandbox.trial import make_problem
+from ..harness.text import printable
 from ..harness.types import Status, StepControl
 from .arguments import UsageError, load_problem
 from .solve import as_plain, summarize

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from ..harness.catalogue.options import nearest
 from ..harness.execution.again import name_run
-from ..harness.files import FileError, printable
+from ..harness.files import FileError
 from ..harness.results import records, store
 from ..harness.results.provenance import stamp_of
 from ..harness.results.records import COLUMNS, RunRecord, reasons_of
@@ -23,6 +23,7 @@ from ..harness.results.reproduce import write_command
 from ..harness.results.series import OTHER, POSES
 from ..harness.results.store import Unreadable
 from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
+from ..harness.text import printable
 from ..harness.types import Status
 from .again import solved_again
 from .arguments import UsageError, load_plugins

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from ..harness.catalogue import registry
-from ..harness.files import printable
 from ..harness.results.records import RunRecord
 from ..harness.results.words import accurate_until, error_words, why, words_of_ending
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import RunSpec, make_spec
+from ..harness.text import printable
 from ..harness.types import Problem, Status
 from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
 from .commands import CONTROL

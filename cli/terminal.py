@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+import rich.console
 from rich.cells import cell_len
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -26,6 +26,14 @@ BARS = "▁▂▃▄▅▆▇█"
 DECADES = 16.0  # shown at most
 FEW = 8  # files that could not be read with a line each
 GAP = 2  # columns of text between two columns of a table
+
+
+class Console(rich.console.Console):
+    """A console that leaves a closed pipe to its caller."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise BrokenPipeError again: ``main`` ends with 141, Rich would end with 1."""
+        raise BrokenPipeError
 
 
 def table_console(*, stderr: bool = False) -> Console:

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from .places import NotOwn, Place, partial_name
+from .places import NotOwn, Place, partial_name, read_whole
 
 LARGEST = 2**28  # [bytes] of a text in a results folder: the claims of the paper with all their maps take 2**23
 
@@ -22,7 +22,7 @@ class FileError(ValueError):
 def read_text(path: Path | Place, what: str) -> str:
     """The text of ``path``; ``what`` says in the message what it should hold. NotOwn for a place that is a link."""
     try:
-        return path.read(LARGEST).decode() if isinstance(path, Place) else path.read_text(encoding="utf-8")
+        return (path.read(LARGEST) if isinstance(path, Place) else read_whole(path, LARGEST)).decode()
     except NotOwn:
         raise
     except (OSError, ValueError) as e:
@@ -53,11 +53,6 @@ def to_json(value: Any, *, indent: int = 0) -> str:
     """Strict JSON; a number that does not exist (NaN, infinite) is null."""
     text = msgspec.json.encode(value, enc_hook=lambda x: x.tolist())  # arrays and scalars of numpy
     return (msgspec.json.format(text, indent=indent) if indent else text).decode()
-
-
-def printable(text: str) -> str:
-    """``text`` without what a terminal would obey: other control characters than tab and newline are escaped."""
-    return "".join(c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode() for c in text)
 
 
 def exact(value: Any) -> Any:

@@ -247,6 +247,22 @@ def place_of(path: Path | Place) -> Place:
     return Place(path.parent) / path.name
 
 
+def read_whole(path: Path, largest: int) -> bytes:
+    """Return the content of a file that the user named, through links too: a regular file of ``largest`` bytes at most.
+
+    OSError for anything else: a pipe would be waited for, a device read without end.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with os.fdopen(descriptor, "rb") as file:
+        about = os.fstat(descriptor)
+        if not stat.S_ISREG(about.st_mode):
+            kind = KINDS.get(stat.S_IFMT(about.st_mode), "no regular file")
+            raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
+        if about.st_size > largest:
+            raise OSError(errno.EFBIG, f"it has {about.st_size} bytes, more than {largest}", str(path))
+        return file.read(about.st_size)
+
+
 def partial_name(name: str, pid: int) -> str:
     """The name that process ``pid`` gives a file before it becomes ``name``; the suffix stays."""
     path = Path(name)

@@ -31,7 +31,7 @@ SOUGHT = 8.0  # [s] the certificate of the default chain ends before
 @problem("chain", tests=(Trait.CHAOTIC,))
 def chain(
     *,
-    links: Annotated[int, Parameter("number of bars, a multiple of three", "", at_least=6)] = 15,
+    links: Annotated[int, Parameter("number of bars, a multiple of three", "", at_least=6, at_most=30_000)] = 15,
     mass: Annotated[float, Parameter("mass of a bar", "kg", above=0.0)] = 1.0,
     length: Annotated[float, Parameter("length of a bar", "m", above=0.0)] = 0.3048,
     span_ratio: Annotated[

@@ -35,8 +35,8 @@ SOUGHT = 20.0  # [s] for the certificate
 @problem("four_bar_grid", tests=(Trait.SINGULAR, Trait.REDUNDANT))
 def four_bar_grid(
     *,
-    rows: Annotated[int, Parameter("rows of cells, one degree of freedom each", "", at_least=1)] = 5,
-    columns: Annotated[int, Parameter("cells in a row", "", at_least=1)] = 5,
+    rows: Annotated[int, Parameter("rows of cells, one degree of freedom each", "", at_least=1, at_most=100)] = 5,
+    columns: Annotated[int, Parameter("cells in a row", "", at_least=1, at_most=100)] = 5,
     release: Annotated[str, Parameter("which rows turn at the start", "", choices=("top_row", "all_rows"))] = "top_row",
     rate: Annotated[float, Parameter("initial rate of these rows about OX", "rad/s")] = 2.0 * np.pi / 3.0,
     mass: Annotated[float, Parameter("mass of a bar", "kg", above=0.0)] = 1.0,

@@ -32,7 +32,7 @@ PARALLEL = 1e-9  # [rad], [rad/s] the uprights, to the tolerance of a start
 @problem("n_four_bar", tests=(Trait.SINGULAR, Trait.REDUNDANT))
 def n_four_bar(
     *,
-    windows: Annotated[int, Parameter("N, the number of four-bar cells", "", at_least=1)] = 40,
+    windows: Annotated[int, Parameter("N, the number of four-bar cells", "", at_least=1, at_most=10_000)] = 40,
     speed: Annotated[float, Parameter("speed of B0 at the start, along OX", "m/s")] = 1.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:

@@ -26,6 +26,7 @@ from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..mechanics.state import States, rotate_states
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.user_forces import present_laws
+from ..text import check_text
 from ..types import Problem, Solver, Trait
 from . import mechanism_files, plugins
 from .mechanism import Mechanism
@@ -89,8 +90,7 @@ def read_declaration(solver: Solver) -> tuple[str, float]:
     """The paper's name of ``solver`` and the order in dt it claims (NaN: none); certificates hold it to that."""
     label, order = getattr(solver, "paper_label", None), getattr(solver, "order", math.nan)
     where = f"solver {solver.name}"
-    if not isinstance(label, str):
-        raise TypeError(f"{where}: paper_label must be text (got {label!r})")
+    label = check_text(f"{where}: paper_label", label)
     if isinstance(order, bool) or not isinstance(order, int | float):
         raise TypeError(f"{where}: order must be a number, the order in dt it claims (got {order!r})")
     if not (math.isnan(order) or 0.0 < order < math.inf):

@@ -201,8 +201,8 @@ class _Supervisor(Supervised):
         self.warm += specs
         self.send(Start(job))
         done = self._answer()
-        if isinstance(done, Done) and done.error:
-            raise RuntimeError(done.error)
+        if isinstance(done, Done) and (done.error or done.unbegun):
+            raise RuntimeError(done.error or f"a run could not begin: {done.unbegun}")
 
     def _answer(self) -> News:
         while not self.news:

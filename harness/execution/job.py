@@ -18,6 +18,7 @@ from ..results import environment
 from ..results.records import RunRecord
 from ..sandbox.apart import SLACK, Ended
 from ..suites.spec import RunSpec
+from ..text import printable
 from ..types import EndedBy, Status
 
 
@@ -73,6 +74,8 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     entry = registry.solvers().get(spec.solver)
     label, order = registry.read_declaration(entry.make_solver(spec.options)) if entry else ("", math.nan)
     about = {"paper_label": label, "declared_order": order}
+    if "message" in columns:
+        columns["message"] = printable(columns["message"])
     files: Mapping[str, Any] = {}
     with contextlib.suppress(OSError):  # a solver's process may have left anything there
         if job.stderr.is_own_file() and job.stderr.size() > 0:

@@ -15,7 +15,7 @@ from ..metrics.verdict import doubts, inaccuracy
 from ..places import Place
 from ..results.records import RunRecord, reasons_json
 from ..results.series import name_file, write_series
-from ..sandbox.isolation import DISK_FULL
+from ..sandbox.isolation import is_full
 from ..sandbox.spool import read_spool
 from ..types import EndedBy, Problem, Reason, Status, Trajectory
 from .handover import Handover, SolverReport, read
@@ -58,7 +58,7 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
             about["ended_by"] = bare.ended_by  # its limit passed while nothing ran
         return judge_handover(job, problem, handover, spent, **about)
     except Exception as error:
-        if isinstance(error, OSError) and error.errno in DISK_FULL:
+        if is_full(error):
             raise
         traceback.print_exc()
         by, message = str(EndedBy.EXCEPTION), first_line(error)

@@ -19,6 +19,7 @@ from .protocol import CodeTime, Lost, News, Start, Stop, Supervised, Warm, Warme
 from .warmup import jobs_by_motion, runs_to_warm
 
 TICK = 0.25  # [s] between two looks at the clock
+MOST_UNBEGUN = 3  # runs in a row that did not begin: then no other would
 
 
 class PoolError(RuntimeError):
@@ -70,11 +71,23 @@ class LocalPool:
     _stopped: bool = False
     _code_seconds: float = 0.0
     _prepared: set[str] = field(default_factory=set)
+    _unbegun: list[str] = field(default_factory=list)  # why runs did not begin
+    _in_a_row: int = 0
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
         self._limit = limit
-        waiting = list(jobs)[::-1]
+        self._run(list(jobs)[::-1], jobs)
+        self._check_unbegun()
+
+    def _check_unbegun(self, most: int = 1) -> None:
+        """PoolError where as many runs did not begin."""
+        if len(self._unbegun) >= most:
+            count, first = len(self._unbegun), self._unbegun[0]
+            raise PoolError(f"{count} run{'s' * (count > 1)} could not begin, which says nothing of their solvers: "
+                            f"{first}; run again with --resume")  # fmt: skip
+
+    def _run(self, waiting: list[Job], jobs: Sequence[Job]) -> None:
         self._attempts = {job.id: 1 for job in jobs if job.alone}
         deaths = 0
         while waiting or self._flying:
@@ -157,4 +170,11 @@ class LocalPool:
         job = self._flying.pop(news.run_id)
         if news.error:
             raise PoolError(news.error)
+        if news.unbegun:
+            self._unbegun.append(news.unbegun)
+            self._in_a_row += 1
+            if self._in_a_row >= MOST_UNBEGUN:
+                self._check_unbegun()
+            return
+        self._in_a_row = 0
         self.on_end(job)

@@ -46,10 +46,11 @@ class Warmed(Message, frozen=True):
 
 
 class Done(Message, frozen=True):
-    """A run is over. Its record is stored, unless ``error`` says why it could not be."""
+    """A run is over. Its record is stored unless ``error`` or ``unbegun`` says why it could not be, or why none is."""
 
     run_id: str
     error: str = ""
+    unbegun: str = ""
 
 
 class CodeTime(Message, frozen=True):

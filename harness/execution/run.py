@@ -32,8 +32,14 @@ MEASURE_LIMIT = 120.0  # [s] of CPU time for metrics once the solver is done, re
 STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when its suite is stopped
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
 MEASURING, STORED = "measuring", "stored"  # what a run sends, each before a record: how its solver ended, its outcome
+SOLVING, UNBEGUN = "solving", "unbegun"  # and before: the solver's process has begun; why it has not
+FULL = "no space left on the disk, or a file as large as ulimit -f allows"
 Send = Callable[[str], None]
 Store = Callable[[Outcome], RunRecord]
+
+
+class NotBegunError(RuntimeError):
+    """A run ended before its solver began: nothing is known of the solver, and nothing is kept."""
 
 
 def run_here(job: Job) -> RunRecord:
@@ -63,7 +69,7 @@ def run_one(
 
     limit = job.spec.cpu_limit + GRACE
     wall = SLACK * limit
-    ended = Apart(
+    process = Apart(
         solve,
         limit=min(limit, NO_LIMIT),
         wall=wall,
@@ -71,9 +77,21 @@ def run_one(
         stderr=job.stderr,
         above="here",
         code=CODE_LIMIT,
-    ).wait(lambda: bool(stopped))
+    )
+    told = list[bool]()
+
+    def is_unwanted() -> bool:
+        if process.begun and not told:
+            send(f"{SOLVING} 1")
+            told.append(True)
+        return bool(stopped)
+
+    ended = process.wait(is_unwanted)
+    if ended.unbegun and not stopped:
+        send(f"{UNBEGUN} {' '.join(ended.unbegun.split())}")
+        raise NotBegunError(ended.unbegun)
     if ended.code == CANNOT_WRITE:
-        raise OSError(errno.ENOSPC, "No space left on device")
+        raise OSError(errno.ENOSPC, FULL)
     by, at = (EndedBy.TOTAL_LIMIT, job.total_limit or math.nan) if stopped else (EndedBy.WALL_LIMIT, wall)
     try:
         trim(job.stderr)
@@ -134,6 +152,7 @@ class Run(Apart):
         )  # fmt: skip
         self.job, self.measure_limit = job, SLACK * measure_limit
         self.began, self.stopped, self.measuring = time.monotonic(), False, False
+        self.solving, self.unbegun = salvages, ""  # whether its solver has begun, or why it has not
         self.salvages = salvages
 
     def look(self) -> Ended | None:
@@ -163,17 +182,22 @@ class Run(Apart):
             self.deadline = min(self.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
 
     def outcome(self, ended: Ended) -> tuple[RunRecord, bool]:
-        """The record, and whether the process itself came to the end of its work. OSError where the disk is full."""
+        """The record, and whether the process itself came to the end of its work.
+
+        OSError where the disk is full, ``NotBegunError`` where its solver did not begin.
+        """
         sent = self._read(ended.sent)
         self.measuring = MEASURING in sent
         if ended.code == 0 and STORED in sent:
             return sent[STORED], True
         if ended.code == CANNOT_WRITE:
-            raise OSError(errno.ENOSPC, "no space left", str(self.job.folder))
+            raise OSError(errno.ENOSPC, FULL, str(self.job.folder))
         wall = time.monotonic() - self.began
         if MEASURING not in sent:  # ended before its solver
             if self.stopped:
                 return cut_short(self.job, EndedBy.TOTAL_LIMIT, ended_limit_s=self.job.total_limit, wall_s=wall), False
+            if not self.solving:
+                raise NotBegunError(self.unbegun or ended.unbegun or f"the process of the run {ended.words}")
             return record_unfinished(self.job, ended, wall, EndedBy.WALL_LIMIT, math.nan), False
         bare = sent[MEASURING]
         if bare.ended_by != EndedBy.EXIT or bare.exit_code != 0:
@@ -184,6 +208,9 @@ class Run(Apart):
     def _read(self, sent: str) -> dict[str, RunRecord]:
         """The records in whole lines; FileError where they are not those that a run sends, each once and in order."""
         lines = [line.partition(" ")[::2] for line in sent.split("\n")[:-1]]
+        ahead = dict(line for line in lines if line[0] in (SOLVING, UNBEGUN))
+        self.solving, self.unbegun = SOLVING in ahead, ahead.get(UNBEGUN, "")
+        lines = [line for line in lines if line[0] not in ahead]
         found = {what: records.from_json(text) for what, text in lines if text}
         bare = found.get(MEASURING)
         if (

@@ -18,13 +18,14 @@ from ..catalogue import registry
 from ..clock import cpu_seconds_below
 from ..code_meter import listen_to_numba
 from ..files import FileError
+from ..places import Place
 from ..results import store
 from ..results.records import RunRecord
 from ..sandbox.apart import Ended
-from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out
+from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out, trim
 from .job import Job
 from .protocol import CodeTime, Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
-from .run import Run, run_and_store, store_outcome, words_of
+from .run import NotBegunError, Run, run_and_store, store_outcome, words_of
 from .warmup import prepare
 
 POLL = 0.1  # [s]
@@ -40,7 +41,7 @@ class Supervisor:
 
     def start(self, job: Job) -> None:
         """Fork the process of the run."""
-        run = Run(job, lambda send: run_and_store(job, send), stderr=job.spool.sibling(f"{job.id}.stderr"))
+        run = Run(job, lambda send: run_and_store(job, send), stderr=_own_stderr(job))
         self.running[run.pid] = run
 
     def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[Done]:
@@ -60,6 +61,7 @@ class Supervisor:
         """See that the run has a record; None while the steps that it had kept are measured for it."""
         job = run.job
         try:
+            trim(_own_stderr(job))
             record, stored = outcome_of(run, ended)
             if not stored:
                 store.write_record(job.folder, record)
@@ -68,6 +70,8 @@ class Supervisor:
                     return None
         except OSError as error:
             return Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
+        except NotBegunError as error:
+            return Done(job.id, unbegun=str(error))
         return Done(job.id)
 
     @property
@@ -85,6 +89,11 @@ class Supervisor:
         for run in self.running.values():
             run.kill()
             os.waitpid(run.pid, 0)
+
+
+def _own_stderr(job: Job) -> Place:
+    """Where the process that measures writes what no solver wrote."""
+    return job.spool.sibling(f"{job.id}.stderr")
 
 
 def outcome_of(run: Run, ended: Ended) -> tuple[RunRecord, bool]:

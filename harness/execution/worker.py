@@ -18,7 +18,7 @@ from ..code_meter import code_seconds_of_tree, listen_to_numba, settle, solver_s
 from ..files import exact
 from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
-from ..sandbox.isolation import DISK_FULL
+from ..sandbox.isolation import is_full
 from ..sandbox.spool import FileSpool
 from ..types import EndedBy, NotInstalled, Problem, Solver, Status, StepControl, Trajectory
 from . import handover
@@ -54,8 +54,8 @@ def hand_over(job: Job, soft: float = SOFT, problem: Problem | None = None) -> N
     try:
         handover.write(job.handover, _attempt(job, soft, made, problem))
         return
-    except Exception as error:  # the run's own failure, kept as its result
-        if isinstance(error, OSError) and error.errno in DISK_FULL:
+    except (Exception, SystemExit, KeyboardInterrupt) as error:  # the run's own failure, kept as its result
+        if is_full(error):
             raise
         if not isinstance(error, MemoryError):
             traceback.print_exc()

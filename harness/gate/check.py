@@ -5,6 +5,7 @@ that the caller named is not installed) > PASS. FAIL and XPASS close the gate: a
 put right in the commit that makes it so. A run without its package fails, unless that package was named.
 """
 
+import datetime
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -17,7 +18,7 @@ from ..results.records import RunRecord
 from ..results.store import newest
 from ..results.words import why
 from ..suites.spec import RunSpec
-from ..types import Status
+from ..types import EndedBy, Status
 from .thresholds import Expectation, Threshold, Thresholds, four_digits, propose_bounds
 
 CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
@@ -102,6 +103,16 @@ class Judged:
 def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
     """The newest result of each run: those that the code now gives, or all of them with None."""
     return newest(tuple(r for r in records if code is None or code(r.problem, r.solver) == r.code))
+
+
+def describe_contradiction(record: RunRecord) -> str:
+    """Return what in a record cannot be true: a good motion that no solver claimed, or an end that is to come."""
+    claimed, by = record.claimed or "nothing", record.ended_by
+    if Status(record.status).lawful and (claimed, by) != (Status.SUCCESS, EndedBy.SOLVER):
+        return f"{record.status}, though its solver claimed {claimed} and {by} ended it"
+    latest = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=1)
+    late = record.finished > latest.strftime("%Y-%m-%dT%H:%M:%SZ")
+    return f"finished at {record.finished}, which is to come" if late else ""
 
 
 def judge(

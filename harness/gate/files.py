@@ -12,6 +12,15 @@ LEFT_OUT = {Verdict.XFAIL: "expected to fail: ", Verdict.OPEN: ""}
 NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # what XML 1.0 cannot hold
 
 
+JUNIT_BEGUN = (  # of a gate that has no verdict yet
+    '<?xml version="1.0" encoding="UTF-8"?>\n<testsuites tests="1" failures="1" errors="0" skipped="0">'
+    '<testsuite name="gate" tests="1" failures="1" errors="0" skipped="0"><testcase classname="gate" name="verdict">'
+    '<failure type="FAIL" message="not finished">the gate was ended before its verdict</failure></testcase>'
+    "</testsuite></testsuites>\n"
+)
+MARKDOWN_BEGUN = "## Gate: not finished\n\nIt was ended before its verdict, or is still at work.\n"
+
+
 def junit(result: Judged, suite: str) -> str:
     """One test case a finding; FAIL, XPASS are failures, XFAIL, SKIP are skipped; a gate that judged nothing fails."""
     nothing = Finding(Measured("gate"), Required(why="nothing judged"), Verdict.FAILED, suite)

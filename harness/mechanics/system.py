@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from ..text import check_text
 from .added_inertia import compute_added_inertia, principal
 from .checks import check_body, check_ends, freeze_array
 from .forces import Load, SpringDamper, TorsionSpring
@@ -239,6 +240,9 @@ def assemble(
     names = tuple(joint.name or f"joint {k + 1}" for k, joint in single)
     joints = [joint for _, joint in single]
     counts = [ROWS[j.sort] for j in joints]
+    for kind, given in (("body", [b.name for b in bodies]), ("joint", [j.name for j in joints])):
+        for name in given:
+            check_text(f"name of {kind}", name or "")
     return MultibodySystem(
         mass=freeze_array([b.mass for b in bodies], (len(bodies),)),
         inertia=freeze_array([b.inertia for b in bodies], (len(bodies), 3, 3)),

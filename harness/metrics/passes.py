@@ -5,8 +5,11 @@ both. numpy makes some forty arrays of all steps on the way, which costs ten tim
 call none of another: numba's cache, which looks at the file alone, cannot be stale.
 """
 
+import functools
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import numba
 import numpy as np
@@ -16,13 +19,37 @@ from ..cache import cache_folder
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem, RigidBody, assemble
 from ..mechanics.torsion import torsion
+from ..seals import remove_unsealed, seal_files
 
+P = ParamSpec("P")
+T = TypeVar("T")
+KEPT, FILES = cache_folder("laws", Path(__file__).parent / "__pycache__"), "passes.*.nb?"
 _before = numba.config.CACHE_DIR
-numba.config.CACHE_DIR = str(cache_folder("laws", Path(__file__).parent / "__pycache__"))
+numba.config.CACHE_DIR = str(KEPT)
 JIT = {"cache": True, "error_model": "numpy"}
 INNER = {**JIT, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # called from here only: compiles faster
 
 
+def _sealed(function: Callable[P, T]) -> Callable[P, T]:
+    """Seal the files after a call that compiled: for arrays of another kind, such as read-only ones."""
+
+    @functools.wraps(function)
+    def call(*given: P.args, **named: P.kwargs) -> T:
+        before = _count_compiled()
+        found = function(*given, **named)
+        if _count_compiled() > before:
+            seal_files(KEPT, FILES)
+        return found
+
+    return call
+
+
+def _count_compiled() -> int:
+    passes = (_laws, _displacement, _speeds, _advance_rows, _are_rotations)
+    return sum(one.stats.cache_misses.total() for one in passes)
+
+
+@_sealed
 def laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]) -> tuple[np.ndarray, ...]:
     """As ``measure`` lists them, (nt,) each; of systems without moving rows (``takes``)."""
     joint, row = system.point_rows()
@@ -46,8 +73,17 @@ def takes(system: MultibodySystem) -> bool:
     return not np.any(system.joint_moving)
 
 
+@functools.cache
 def load() -> None:
-    """Compile all passes, or load them from the cache, so that forked processes have them."""
+    """Compile all passes, or load them from the cache, so that forked processes have them.
+
+    Files that are not as they were left are made again; numba would end on them.
+    """
+    remove_unsealed(KEPT, FILES)
+    _run_all()
+
+
+def _run_all() -> None:
     system = assemble([RigidBody(1.0, np.eye(3))], [], (0.0, 0.0, 0.0))
     r, R = np.zeros((2, 1, 3)), np.tile(np.eye(3), (2, 1, 1, 1))
     s = States(r, R, r, r)
@@ -211,6 +247,7 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
             out[1 + k, t] = math.sqrt(sums[k])
 
 
+@_sealed
 def displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
     """``scales.displacement`` with the second moments of the bodies' matter; ``b`` may be one instant."""
     out = np.empty(a.r.shape[:2])
@@ -235,6 +272,7 @@ def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
             out[t, b] = math.sqrt(_dot(x, x) + turn)
 
 
+@_sealed
 def speeds(mass: np.ndarray, inertia: np.ndarray, s: States) -> Float[np.ndarray, "nt nb"]:
     """``scales.speeds``."""
     out = np.empty(s.r.shape[:2])
@@ -250,6 +288,7 @@ def _speeds(mass, J, v, W, out):
             out[t, b] = math.sqrt(_dot(v[t, b], v[t, b]) + _spin(J, b, W[t, b]) / mass[b])
 
 
+@_sealed
 def advance_steps(h: Float[np.ndarray, " steps"], a: States, b: States) -> States:
     """Poses at the end of each step by the mean velocities of its ends (``rows``); velocities are those means."""
     out = tuple(np.empty_like(x) for x in (a.r, a.R, a.v, a.Omega))
@@ -283,6 +322,7 @@ def _advance_rows(h, r, R, v_a, W_a, v_b, W_b, r_out, R_out, v_out, W_out):
                 R_out[t, b, k, 2] = p * e[0][2] + q * e[1][2] + s * e[2][2]
 
 
+@_sealed
 def are_rotations(R: Float[np.ndarray, "nt nb 3 3"]) -> bool:
     """Whether all are finite and have a positive determinant."""
     return bool(_are_rotations(R))

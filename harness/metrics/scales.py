@@ -78,6 +78,7 @@ def load_compiled(poses: int) -> ModuleType | None:
         return None
     from . import passes
 
+    passes.load()
     return passes
 
 

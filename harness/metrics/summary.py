@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from ..files import exact
 from ..mechanics import so3
+from ..text import printable
 from ..types import ACCURATE, Law, Problem, Trajectory
 from .identity import fingerprint
 from .measure import Measured, count_predictable, largest
@@ -50,7 +51,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
             "invariant_drifts": json.dumps({i.name: _drift(m.invariants[i.name], i.unit) for i in problem.invariants}),
             **_steps(m.t),
             **_summarize_counters(trajectory.counters),
-            "notes": json.dumps([*trajectory.notes, *_list_unjudged(m)]),
+            "notes": json.dumps([printable(n) for n in (*trajectory.notes, *_list_unjudged(m))]),
             "events": len(trajectory.events),
         }
 

@@ -25,7 +25,7 @@ class Merged:
     added: int
     unreadable: tuple[store.Unreadable, ...]
     conflicts: tuple[str, ...]  # runs that two folders have with other numbers; the first is kept
-    codes: tuple[str, ...]  # digests of the code: more than one means results of different code
+    codes: tuple[str, ...]  # digests of the code of those problems and solvers whose runs are not all of one
 
 
 def merge(out: Path, sources: Sequence[Path]) -> Merged:
@@ -55,7 +55,15 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
             _copy_environment(source, out)
         store.write_table(out, store.load(out, check_series=False).records)
     records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
-    return Merged(records, added, tuple(unreadable), tuple(conflicts), tuple(sorted({r.code for r in records})))
+    return Merged(records, added, tuple(unreadable), tuple(conflicts), find_codes(records))
+
+
+def find_codes(records: Sequence[RunRecord]) -> tuple[str, ...]:
+    """Return the digests, sorted, of the code of each problem with each solver whose runs are of more than one."""
+    found = dict[tuple[str, str], set[str]]()
+    for r in records:
+        found.setdefault((r.problem, r.solver), set()).add(r.code)
+    return tuple(sorted(set().union(*(codes for codes in found.values() if len(codes) > 1))))
 
 
 def _copy_environment(source: Path, out: Path) -> None:

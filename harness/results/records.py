@@ -15,6 +15,7 @@ import msgspec
 from .. import files
 from ..files import FileError
 from ..shapes import Shape, convert_shape
+from ..text import find_unaccepted
 from ..types import PREDICTABLE, Reason
 
 T = TypeVar("T")
@@ -255,8 +256,8 @@ def from_json(text: str) -> RunRecord:
     if long:
         raise FileError(f"column {long[0]} holds a number that no table can")
     for c in COLUMNS:
-        if c.type is str and c.name != "message" and not getattr(record, c.name).isprintable():
-            raise FileError(f"column {c.name} holds control characters")
+        if c.type is str and c.name != "message" and (found := find_unaccepted(getattr(record, c.name))):
+            raise FileError(f"column {c.name} holds {found}")
     for name, kind in JSON_COLUMNS.items():
         where = f"column {name}"
         convert_shape(files.parse_json(getattr(record, name), where), kind, where)

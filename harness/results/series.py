@@ -6,7 +6,7 @@ run's process, read by reports; its digest is in the run's record.
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -29,6 +29,10 @@ MARKS = "period_marks"  # [s] ends of the periods of a long motion
 LAST = "last_"  # the last rows of a series that is kept as an envelope
 POSES = ("frame", "exact", "state", "sample")  # along times of their own
 BUNDLED = ("bundled_states", "bundled_samples", "bundled_between")  # which states of a brief file a bundle takes
+TOGETHER = (  # series of which a file has all or none
+    {"exact_t", "exact_r", "exact_q"},
+    {"frame_t", "frame_r", "frame_q"},
+)  # fmt: skip
 OTHER = ("end_", "start_", "joint_", "gravity", "system_", LAST, MARKS, "bundled_")  # not along time
 
 
@@ -60,6 +64,11 @@ class Series:
             raise Enveloped(
                 f"{name} is kept as an envelope: ask for its points, or run again with --lossless for all its steps"
             )
+        return self._rows(name)
+
+    def _rows(self, name: str) -> np.ndarray:
+        if name not in self.arrays:
+            raise FileError(f"a series file lacks {name}, which every run writes")
         return self.arrays[name]
 
     def __contains__(self, name: str) -> bool:
@@ -78,7 +87,7 @@ class Series:
 
     def points(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Times and values to draw: every row, or the least and the largest value of each span."""
-        return self.envelopes[name].points if name in self.envelopes else (self.arrays["t"], self.arrays[name])
+        return self.envelopes[name].points if name in self.envelopes else (self.arrays["t"], self._rows(name))
 
     def tail(self, name: str, rows: int) -> np.ndarray:
         """The last ``rows`` values, or as many as are kept."""
@@ -169,9 +178,23 @@ def _read(
         head = convert_shape(parse_json(str(arrays.pop("meta", "")), "meta"), Head, "meta")
         arrays, envelopes = unpack(arrays) if head.schema == BRIEF else (arrays, {})
         _check_lengths(arrays)
+        _check_content(arrays, {*arrays, *envelopes})
     except ValueError as error:
         raise FileError(f"not a whole series file of schema {PLAIN} or {BRIEF}: {error}") from None
     return head, arrays, envelopes
+
+
+def _check_content(arrays: Mapping[str, np.ndarray], names: Collection[str]) -> None:
+    """Numbers along times that go forward, and all of what is written together; ValueError else."""
+    for name, a in arrays.items():
+        if a.dtype.kind not in "biuf" and not name.startswith(OTHER):
+            raise ValueError(f"{name} holds {a.dtype}, not numbers")
+        is_time = name == "t" or (name.endswith("_t") and name.removesuffix("_t") in POSES)
+        if is_time and not (np.all(np.isfinite(a)) and np.all(np.diff(a) >= 0.0)):
+            raise ValueError(f"{name} does not go forward")
+    for group in TOGETHER:
+        if missing := [name for name in group if name not in names] if not group.isdisjoint(names) else []:
+            raise ValueError(f"{', '.join(sorted(missing))}: missing, beside {min(group & set(names))}")
 
 
 def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:

@@ -19,6 +19,7 @@ from .. import files
 from ..files import FileError
 from ..places import PARTIAL, NotOwn, Place, place_of
 from ..shapes import Shape, convert_shape
+from ..text import printable
 from ..types import Status
 from .records import COLUMNS, SCHEMA, RunRecord, from_json, to_json
 from .series import Series, read_series
@@ -202,7 +203,7 @@ def native_of(folder: Path, record: RunRecord) -> str:
         text = (Place(folder) / record.stderr).read(NATIVE).decode(errors="replace")
     except OSError as error:
         return f"({record.stderr} cannot be read: {error.strerror or error})"
-    return files.printable(text)
+    return printable(text)
 
 
 def load(folder: Path, *, check_series: bool = True) -> Loaded:

@@ -3,7 +3,7 @@
 import math
 import signal
 
-from ..files import printable
+from ..text import printable
 from ..types import ACCURATE, EndedBy, Law, Reason, Status
 from .records import RunRecord, reasons_of
 

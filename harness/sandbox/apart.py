@@ -8,14 +8,14 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below
 from ..code_meter import CodePage, CodeReading, listen_to_numba, page_for_child, report_to
 from ..places import Place
-from .isolation import PATIENCE, Target, end_descendants, fork, kill_descendants, kill_group
+from .isolation import BEGUN, PATIENCE, Target, end_descendants, fork, kill_descendants, kill_group
 
 Limit = Literal["", "cpu", "wall", "code"]
 Above = Literal["keeper", "here", "itself"]
@@ -41,6 +41,7 @@ class Ended:
     cpu: float = math.inf  # [s] of all its threads, and of all that it started, in whatever session
     over: Limit = ""  # the limit at which it was killed
     code_s: float = 0.0  # [s] that making code took, as its meter reported, at most ``cpu``
+    unbegun: str = ""  # why its target never began: no fault of its target
 
     @property
     def words(self) -> str:
@@ -80,13 +81,13 @@ class Apart:
         self.deadline = time.monotonic() + (SLACK * limit if wall is None else wall)
         self.over: Limit = ""
         self._next = self._killed_at = self._used = 0.0
-        self.killed = self.suspended = False
+        self.killed = self.suspended = self.begun = False
         self._looked = time.monotonic()
         self.closed_at = 0.0  # when it closed its pipe: it is about to end
         self._sent = bytearray()
 
     def hear(self) -> str:
-        """All that it has sent so far."""
+        """Return the lines that its target has sent so far."""
         with contextlib.suppress(BlockingIOError):
             for _ in range(AT_ONCE):
                 if self.closed_at:
@@ -96,7 +97,9 @@ class Apart:
                 if not chunk or len(self._sent) > MOST:
                     os.close(self.pipe)
                     self.closed_at = time.monotonic()
-        return self._sent.decode(errors="replace")
+        first, _, lines = self._sent.decode(errors="replace").partition("\n")
+        self.begun = first == BEGUN
+        return lines if self.begun else ""
 
     def look(self) -> Ended | None:
         """None while it runs; kills it past its deadline, from which time in which we were stopped is left out."""
@@ -120,7 +123,11 @@ class Apart:
         if code == -signal.SIGXCPU and self._reading.is_making():
             self.over = "code"
         code_s = min(self._reading.seconds(cpu), cpu)
-        return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over, code_s)
+        ended = Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over, code_s)
+        if self.begun:
+            return ended
+        said = self._sent.decode(errors="replace").strip()
+        return replace(ended, unbegun=said or f"its process {'was ended by us' if self.killed else ended.words}")
 
     @property
     def code_seconds(self) -> float:

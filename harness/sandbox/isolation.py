@@ -26,6 +26,7 @@ Target = Callable[[Callable[[str], None]], object]  # what a child runs, given h
 OUTPUT_LIMIT = 2**30  # [bytes] largest file a run may write
 CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is not a result of the run
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+BEGUN = "begun"  # the first line from a child whose target began; another, or none, says why it did not
 PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 4, 36, 38  # prctl(2)
 CREATE_RULESET, RESTRICT_SELF = 444, 446  # system calls of landlock(7)
 MAKE_BLOCK, SCOPE_SIGNAL = 1 << 11, 1 << 1  # rights that it takes: to make block devices, to signal those outside
@@ -52,7 +53,8 @@ def fork(
     Returns its keeper's process (and group) and the read end of the pipe on which it sends lines. The keeper takes over
     all that ``target`` starts and leaves, in whatever session; it ends that with the child, waits for it, so that the
     system accounts its CPU time, and then ends as the child did: with exit code 0 if ``target`` returned, 70 if it
-    raised, ``CANNOT_WRITE`` on a full disk. SIGTERM to the keeper ends all at once. Without a ``keeper`` the child's
+    raised, ``CANNOT_WRITE`` on a full disk. The first line it sends is ``BEGUN``; where the child cannot be prepared
+    for its target, it is the reason. SIGTERM to the keeper ends all at once. Without a ``keeper`` the child's
     own process is returned.
     """
     if threading.active_count() > 1:
@@ -62,8 +64,7 @@ def fork(
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     parent = os.getpid()
     read, write = os.pipe()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    _flush()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, TOLD)
     pid = os.fork()
     if pid:
@@ -71,16 +72,18 @@ def fork(
         os.close(write)
         return pid, read
     os.setsid()  # a group of its own
-    _end_with(parent)
+    end_with(parent)
     if keeper:
         _keep((read, write))
-    code = 70
+    code, begun = 70, False
     try:
         close_in()
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
         _redirect(stderr)
         limit_process(memory, cpu, code)
+        os.write(write, f"{BEGUN}\n".encode())
+        begun = True
         for name in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
             signal.signal(name, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -88,12 +91,28 @@ def fork(
             target(lambda line: print(line, file=pipe, flush=True))
         code = 0
     except BaseException as error:  # the child must never return into its parent's loop
-        code = CANNOT_WRITE if isinstance(error, OSError) and error.errno in DISK_FULL else code
+        code = CANNOT_WRITE if is_full(error) else code
+        if not begun:
+            os.write(write, f"{type(error).__name__}: {error}\n".encode(errors="replace"))
         traceback.print_exc()
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
+        _flush()
         os._exit(code)
+
+
+def _flush() -> None:
+    """Write out what is buffered; a program without terminal may have no streams."""
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+
+
+def is_full(error: BaseException) -> bool:
+    """Return whether a disk is full, or a file as large as a limit set from outside allows, lower than ours."""
+    if not isinstance(error, OSError):
+        return False
+    cut = error.errno == errno.EFBIG and resource.getrlimit(resource.RLIMIT_FSIZE)[0] < OUTPUT_LIMIT
+    return cut or error.errno in DISK_FULL
 
 
 def adopt_orphans() -> None:
@@ -166,7 +185,7 @@ def _keep(pipe: tuple[int, int]) -> None:
     own = os.getpid()
     child = os.fork()
     if not child:
-        _end_with(own)
+        end_with(own)
         set_keeper(own)
         return
     os.closerange(3, max(1024, *pipe) + 1)  # the parent's own, and both ends
@@ -196,9 +215,9 @@ def _reap() -> dict[int, int]:
     return found
 
 
-def _end_with(parent: int) -> None:
-    """Die when the parent does, even by SIGKILL: otherwise nothing would end this process at its limits."""
-    _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+def end_with(parent: int, number: int = signal.SIGKILL) -> None:
+    """Get a signal when the parent dies, even by SIGKILL: otherwise nothing would end this process at its limits."""
+    _prctl(PR_SET_PDEATHSIG, number)
     if os.getppid() != parent:  # it went before we asked
         os._exit(70)
 
@@ -241,10 +260,10 @@ def _redirect(stderr: Path | Place) -> None:
 def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
     """Limit this process to ``memory`` [MB] and ``cpu`` [s] beyond what it uses now; infinity is no limit.
 
-    It may use ``code`` [s] more to make code.
+    It may use ``code`` [s] more to make code. A lower limit from outside, as of a batch system, stays.
     """
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (OUTPUT_LIMIT, OUTPUT_LIMIT))
+    _limit(resource.RLIMIT_CORE, 0)
+    _limit(resource.RLIMIT_FSIZE, OUTPUT_LIMIT)
     if math.isfinite(cpu):
         seconds, hard = int(cpu_seconds() + cpu) + 1, resource.getrlimit(resource.RLIMIT_CPU)[1]
         most = seconds + int(code) + HARD
@@ -253,8 +272,14 @@ def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
         if code:
             leave_code_out_of(seconds)
     if math.isfinite(memory) and not describe_lacking():  # elsewhere the system takes the limit and does not keep it
-        allowed = _data_in_use() + int(memory * 2**20)
-        resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private; RLIMIT_AS counts mapped libraries
+        _limit(resource.RLIMIT_DATA, _data_in_use() + int(memory * 2**20))  # private; RLIMIT_AS counts mapped libraries
+
+
+def _limit(what: int, most: int) -> None:
+    """Set both limits of this process, those that can be raised again and those that cannot, to ``most`` or less."""
+    hard = resource.getrlimit(what)[1]
+    lower = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(what, (lower, lower))
 
 
 def _data_in_use() -> int:

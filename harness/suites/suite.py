@@ -17,11 +17,13 @@ from ..catalogue import registry
 from ..catalogue.plugins import resolve_plugin
 from ..files import FileError
 from ..sandbox.trial import try_apart
+from ..text import check_text
 from ..types import Problem
 from .includes import Source, path_of, read_source, source, with_included
 from .shape import Defaults, Group, Names, Tables
 from .spec import RunSpec, make_spec
 
+MOST_RUNS = 200_000  # of a suite: a day on forty cores at a second each, and their list fits into memory
 LIMITS = ("cpu_limit", "memory", "repeats", "min_time", "label")
 CONTROL = ("dt", "rtol", "max_step", "max_steps")
 
@@ -58,7 +60,8 @@ def _build_suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     files = tuple(dict.fromkeys([*map(resolve_plugin, plugins), *(p for s in sources for p in _resolve_plugins(s))]))
     if files:  # foreign code may hang, crash or leave when it is loaded or makes a problem
         try:
-            specs, parts = try_apart(own.where, lambda: _collect_specs(own, sources, files))
+            loaded = ", ".join(Path(f).name for f in files)
+            specs, parts = try_apart(f"{own.where} with {loaded}", lambda: _collect_specs(own, sources, files))
         except ValueError as error:
             raise FileError(" ".join(str(error).split())) from None
     else:
@@ -101,7 +104,11 @@ def _expand_file(s: Source, problems: dict[tuple[str, str], Problem]) -> dict[st
     specs: dict[str, RunSpec] = {}
     for k, group in enumerate(s.file.runs, start=1):
         try:
-            for spec in _expand(_add_defaults(group, s.file.defaults), problems):
+            check_text("label", group.label or s.file.defaults.label or "")
+            whole = _add_defaults(group, s.file.defaults)
+            if (count := len(specs) + count_runs(whole)) > MOST_RUNS:
+                raise ValueError(f"a suite has at most {MOST_RUNS:,} runs (got {count:,})")
+            for spec in _expand(whole, problems):
                 if spec.settings_id in specs:
                     raise ValueError(f"{spec.case} is declared twice")
                 specs[spec.settings_id] = spec
@@ -115,6 +122,37 @@ def _add_defaults(group: Group, defaults: Defaults) -> Group:
     return msgspec.structs.replace(group, **shared)
 
 
+def count_runs(group: Group) -> int:
+    """Return how many runs a group declares, without making any."""
+    count = 0
+    for name, solver in itertools.product(_as_tuple(group.problem), _as_tuple(group.solver)):
+        entry = registry.entry_of("solver", solver, registry.solvers())
+        known = registry.entry_of("problem", name, registry.problems()).parameters
+        options = _count_tables(group.options, entry.parameters)
+        count += _count_tables(group.parameters, known) * options * _count(_select_control(group, entry), {})
+    return count
+
+
+def _select_control(group: Group, entry: registry.SolverEntry) -> dict[str, Any]:
+    """The steps or tolerances of a group that a solver takes: where both are given, those that it is controlled by."""
+    control = group.select(*CONTROL)
+    if "dt" in control and "rtol" in control:
+        for other in ("rtol", "max_step") if entry.control == "dt" else ("dt",):
+            control.pop(other, None)
+    return control
+
+
+def _count_tables(given: Tables | None, known: Mapping[str, tuple[Any, Any]]) -> int:
+    return sum(_count(table, known) for table in (given if isinstance(given, tuple) else (given or {},)))
+
+
+def _count(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> int:
+    return math.prod(
+        _count_sweep(key, value) if isinstance(value, dict) else 1 if _is_one(key, value, known) else len(value)
+        for key, value in given.items()
+    )
+
+
 def _expand(group: Group, problems: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
     limits = group.select(*LIMITS)
     for key in ("problem", "solver"):
@@ -123,10 +161,7 @@ def _expand(group: Group, problems: dict[tuple[str, str], Problem]) -> Iterator[
     for name, solver in itertools.product(_as_tuple(group.problem), _as_tuple(group.solver)):
         entry = registry.entry_of("solver", solver, registry.solvers())
         known = registry.entry_of("problem", name, registry.problems()).parameters
-        control = group.select(*CONTROL)
-        if "dt" in control and "rtol" in control:  # both given: each solver takes the one it is controlled by
-            for other in ("rtol", "max_step") if entry.control == "dt" else ("dt",):
-                control.pop(other, None)
+        control = _select_control(group, entry)
         for parameters in _combine_tables(group.parameters, known):
             variant = (name, repr(sorted(parameters.items())))
             if variant not in problems:
@@ -158,18 +193,28 @@ def _combine(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> 
     choices = []
     for key, value in given.items():
         value = _expand_sweep(key, value) if isinstance(value, dict) else value
-        names = [name.strip() for name in key.split(",")]
-        is_tuple = names[0] in known and isinstance(known[names[0]][0], tuple)
-        one = not isinstance(value, list) or (is_tuple and not any(isinstance(v, list | str) for v in value))
         if value == []:
             raise ValueError(f"{key} is an empty list: nothing would be run")
-        choices.append([dict.fromkeys(names, v) for v in ([value] if one else value)])
+        values = [value] if _is_one(key, value, known) else value
+        choices.append([dict.fromkeys(_names_in(key), v) for v in values])
     for combination in itertools.product(*choices):
         yield {name: v for part in combination for name, v in part.items()}
 
 
-def _expand_sweep(key: str, sweep: Mapping[str, Any]) -> list[float]:
-    """Values evenly spaced in their logarithm, ends included, to three digits."""
+def _names_in(key: str) -> list[str]:
+    """``"alpha, beta"`` as two names, which have the same value."""
+    return [name.strip() for name in key.split(",")]
+
+
+def _is_one(key: str, value: Any, known: Mapping[str, tuple[Any, Any]]) -> bool:
+    """Whether a value is one, not a list of them: of a tuple-valued parameter a flat list is one."""
+    first = _names_in(key)[0]
+    is_tuple = first in known and isinstance(known[first][0], tuple)
+    return not isinstance(value, list) or (is_tuple and not any(isinstance(v, list | str) for v in value))
+
+
+def _count_sweep(key: str, sweep: Mapping[str, Any]) -> int:
+    """Return the number of values of a sweep that is one."""
     if sweep.keys() != {"from", "to", "per_decade"} or not all(isinstance(v, int | float) for v in sweep.values()):
         raise ValueError(f"{key} must be a value, a list, or {{ from, to, per_decade }} (got {dict(sweep)})")
     first, last, steps = sweep["from"], sweep["to"], sweep["per_decade"]
@@ -177,8 +222,13 @@ def _expand_sweep(key: str, sweep: Mapping[str, Any]) -> list[float]:
         raise ValueError(
             f"{key}: a sweep goes from one number > 0 to another, with per_decade >= 1 (got {dict(sweep)})"
         )
-    decades = math.log10(last / first)
-    count = round(abs(decades) * steps) + 1
+    return round(abs(math.log10(last / first)) * steps) + 1
+
+
+def _expand_sweep(key: str, sweep: Mapping[str, Any]) -> list[float]:
+    """Return values evenly spaced in their logarithm, ends included, to three digits."""
+    count, first = _count_sweep(key, sweep), sweep["from"]
+    decades = math.log10(sweep["to"] / first)
     return [float(f"{first * 10.0 ** (decades * k / (count - 1)):.3g}") for k in range(count)]
 
 

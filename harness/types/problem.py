@@ -13,6 +13,7 @@ from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States, rotate_states
 from ..mechanics.system import MultibodySystem
 from ..mechanics.zero_inertia import check_axes
+from ..text import check_text
 
 
 class Trait(StrEnum):
@@ -107,6 +108,13 @@ class Problem:
     retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
 
     def __post_init__(self) -> None:
+        for what in ("name", "section"):
+            check_text(f"problem {self.name}: {what}", getattr(self, what))
+        named: tuple[Observable | Invariant, ...] = (*self.observables, *self.invariants)
+        for one in named:
+            kind = type(one).__name__.lower()
+            check_text(f"problem {self.name}: name of an {kind}", one.name)
+            check_text(f"problem {self.name}: unit of {kind} {one.name}", one.unit)
         if 0.0 < self.t_end < math.inf:
             check_axes(self.system, self.initial, self.t_end)
 

@@ -143,3 +143,28 @@ def test_others(objects, arguments, code, key):
     """Numbers that do not exist are null or words, never NaN."""
     said = objects(*arguments, code=code)
     assert said and all(key in x for x in said)
+
+
+@pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&-", ">&- 2>&- <&-"])
+def test_closed_streams_cost_no_run(tmp_path, closed):
+    """As a scheduler or a daemon may start a command: nothing that we open takes their place, and all is run."""
+    suite, out = tmp_path / "s.toml", tmp_path / "out"
+    suite.write_text(SUITE)
+    command = f"{sys.executable} -m mbsbench run {suite} --out {out} {closed}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert len(store.load(out).records) == 5
+
+
+@pytest.mark.parametrize("command", ["list problems", "show {out}", "run {suite} --dry-run", "list --json"])
+def test_a_reader_that_leaves_is_no_success(tmp_path, command):
+    """`| head -1`, and a reader that takes nothing: 141, without a word."""
+    suite, out = tmp_path / "s.toml", tmp_path / "out"
+    suite.write_text(SUITE)
+    if "{out}" in command:
+        assert main(["run", str(suite), "--out", str(out)]) == 0
+    call = f"{sys.executable} -m mbsbench {command.format(out=out, suite=suite)}"
+    script = f'{call} | (exec <&-; sleep 4); echo "${{PIPESTATUS[0]}}"'
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("141\n", "")

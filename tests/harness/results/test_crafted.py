@@ -169,3 +169,37 @@ def test_what_a_solver_hands_over_is_of_its_problem(tmp_path, arrays):
         read(tmp_path / "x.npz", system)
     write(tmp_path / "x.npz", Handover(SolverReport(message="refused"), None))
     assert read(tmp_path / "x.npz", system).trajectory is None  # type: ignore[union-attr]
+
+
+def test_a_series_that_is_missing_is_named():
+    """A file without it, whose digest is right, ends no page with a traceback."""
+    for ask in (lambda: series()["energy_error"], lambda: series().points("energy_error")):
+        with pytest.raises(FileError, match="a series file lacks energy_error"):
+            ask()
+
+
+WHOLE = {name: np.zeros(5) for name in ("energy", "energy_error", "phi_norm", "phi_dot_norm", "dt")}
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({}, ""),
+        ({"energy": np.full(5, np.nan), "phi_norm": np.array([0.0, np.inf, -np.inf, 5e-324, 1e308])}, ""),
+        ({"t": np.array(list("01234"))}, "t holds <U1, not numbers"),
+        ({"energy_error": np.array(list("01234"))}, "energy_error holds <U1, not numbers"),
+        ({"t": np.array([0.0, 1.0, np.nan, 2.0, 3.0])}, "t does not go forward"),
+        ({"t": np.array([0.0, 1.0, 2.0, 3.0, np.inf])}, "t does not go forward"),
+        ({"t": np.arange(5.0)[::-1]}, "t does not go forward"),
+        ({"frame_t": np.zeros(2), "frame_r": np.zeros((2, 1, 3))}, "frame_q: missing, beside frame_r"),
+    ],
+)
+def test_series_that_no_run_writes_are_set_aside(tmp_path, changed, words):
+    """With a right digest: a page would end on them. Motions that diverge have any numbers."""
+    arrays = {k: a for k, a in ({**WHOLE, **changed}).items() if a is not None}
+    write_series(tmp_path / "x.npz", series(**arrays))
+    if not words:
+        read_series(tmp_path / "x.npz")
+        return
+    with pytest.raises(FileError, match=words):
+        read_series(tmp_path / "x.npz")

@@ -55,7 +55,7 @@ EXPECTED = {
     "stops_early": (Status.WRONG, "last step"),
     "gives_up": (Status.STEP_UNDERFLOW, "too small"),
     "returns_nonsense": (Status.CRASHED, "must return a Trajectory"),
-    "chatters": (Status.CRASHED, "code 70"),
+    "chatters": (Status.CRASHED, "SystemExit: 3"),
     "refuses": (Status.REFUSED, "on principle"),
     "eats_memory": (Status.MEMORY, ""),
     "exact": (Status.SUCCESS, ""),

@@ -1,16 +1,18 @@
 """Suites expand into runs, and every wrong one is told in one line with its place."""
 
 import itertools
+import os
 from collections import Counter
 
 import pytest
 
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.files import FileError
-from mbsbench.harness.suites.includes import suite_names
-from mbsbench.harness.suites.suite import load_suite, parse_suite
+from mbsbench.harness.suites.includes import path_of, read_source, suite_names
+from mbsbench.harness.suites.suite import _add_defaults, _expand, count_runs, load_suite, parse_suite
 
 from ..conftest import PLUGIN, Silent
 
@@ -292,3 +294,52 @@ def test_every_contestant_has_the_same_tuning_budget():
         engines = {solver for solver, _ in pairs if solver in registry.engines()}
         assert len(engines - {"drake_adaptive"}) >= 9
         assert sum(solver in engines for solver, _ in pairs) >= 25
+
+
+MANY = [k / 1000 for k in range(1, 701)]
+
+
+@pytest.mark.parametrize(
+    ("keys", "count"),
+    [
+        ('rtol = { from = 0.1, to = 1e-11, per_decade = 1000000000 }', "10,000,000,001"),
+        (f"rtol = {MANY}\nmax_step = {MANY}", "490,000"),
+        (f"parameters = {{ t_end = {MANY}, omega_z = {MANY} }}\nrtol = 1e-6", "490,000"),
+    ],
+)  # fmt: skip
+def test_runs_are_counted_before_they_are_made(keys: str, count: str) -> None:
+    """A slip of a zero is one line at once, and not a minute without a word or a lack of memory."""
+    text = f'[[runs]]\nproblem = "spherical_pendulum"\nsolver = "rk45_strong_form"\n{keys}\n'
+    with pytest.raises(FileError, match=f"a suite has at most 200,000 runs .got {count}"):
+        parse_suite(text, "many", "many")
+
+
+@pytest.mark.parametrize("suite", suite_names())
+def test_runs_are_counted_as_they_are_made(suite: str) -> None:
+    """Sweeps, lists, tuples, two names with one value: of every group of our suites."""
+    own = read_source(path_of(suite))
+    for group in own.file.runs:
+        whole = _add_defaults(group, own.file.defaults)
+        assert count_runs(whole) == sum(1 for _ in _expand(whole, {}))
+
+
+def test_a_system_beyond_all_bounds_is_refused_in_words() -> None:
+    """Before memory is asked for."""
+    for problem, changed in (
+        ("chain", {"links": 300_000_000}),
+        ("four_bar_grid", {"rows": 100_000, "columns": 100_000}),
+    ):
+        with pytest.raises(ValueError, match="<= "):
+            make_problem(problem, changed)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+def test_a_suite_is_a_file(tmp_path, kind: str) -> None:
+    """A pipe without a writer would be waited for, a device read without end."""
+    place = tmp_path / "odd.toml"
+    {"pipe": lambda: os.mkfifo(place), "device": lambda: place.symlink_to("/dev/zero"), "folder": place.mkdir}[kind]()
+    whole = tmp_path / "whole.toml"
+    whole.write_text('include = ["odd.toml"]\n')
+    for named in (place, whole):
+        with pytest.raises(FileError, match=f"it is a {kind}, not a file|{kind}"):
+            load_suite(str(named))
