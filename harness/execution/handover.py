@@ -102,9 +102,13 @@ def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -
 
 
 def _with_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
-    """All the process took as its cost, and a note, where its own clocks account for less than half of that."""
+    """All the process took as its cost, and a note, where its own clocks account for less than half of that.
+
+    What a report that claims a cost does not say is 0: ours says it always.
+    """
     inside = float(report.cost.get("cpu_inside_s", math.nan))
-    if math.isnan(inside) or not math.isfinite(spent) or spent <= 2.0 * inside + HIDDEN:
+    inside = 0.0 if math.isnan(inside) else inside
+    if "cpu_median_s" not in report.cost or not math.isfinite(spent) or spent <= 2.0 * inside + HIDDEN:
         return report
     words = (
         f"its process took {spent:.3g} s of CPU time, of which its own clocks account for {inside:.3g} s: all counts"

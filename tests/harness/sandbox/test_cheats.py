@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from mbsbench.harness.execution.handover import SolverReport, _with_hidden_cost
+
 from .. import cheating
 from ..cheating import MUCH, WORK
 from ..conftest import PLUGIN, run_in
@@ -102,3 +104,13 @@ def test_work_at_import_is_set_up(tmp_path):
     (r,) = run_in(tmp_path / "run", text, 1, plugins=(PLUGIN, plugin))[0].records
     assert r.status == "success", r.message
     assert r.cpu_import_s > TICKS * WORK and r.setup_s > TICKS * WORK
+
+
+@pytest.mark.parametrize("inside", [{}, {"cpu_inside_s": 0.1}, {"cpu_inside_s": "nan"}])
+def test_a_cost_without_its_clock_is_all_that_the_process_took(inside):
+    """A report that a solver writes itself may leave out what its own clocks account for: then that is nothing."""
+    claimed = {"cpu_min_s": 1e-9, "cpu_median_s": 1e-9, "cpu_max_s": 1e-9, **inside}
+    found = _with_hidden_cost(SolverReport(cost=claimed), 8.07)
+    assert {found.cost[name] for name in ("cpu_min_s", "cpu_median_s", "cpu_max_s")} == {8.07}
+    assert "all counts" in found.notes[0]
+    assert _with_hidden_cost(SolverReport(), 8.07) == SolverReport()  # a refusal claims no cost
