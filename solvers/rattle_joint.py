@@ -31,7 +31,7 @@ class RattleJoint:
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi, user forces, and mechanisms that need too much code."""
+        """Refuse rows without phi, and large mechanisms that have many closed loops."""
         return refusal(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
