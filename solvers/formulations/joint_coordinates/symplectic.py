@@ -45,10 +45,7 @@ PLAIN_SWEEPS = 16  # acceleration begins where these would leave more than ``TIG
 LOOSE, TIGHT = 1e-9, 1e-13  # larger changes are no rounding; smaller ones are little else
 IDLE = 4  # sweeps in which changes do not halve: rounding; two are enough below ``TIGHT``
 ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
-SHORTER = (  # of a chain: h times the momentum of all links behind a joint, beside the inertia of its own link
-    " (take a shorter one, of a chain in proportion to speed and to the number of links: gauss_joint takes longer ones "
-    "than rattle_joint)"
-)
+SHORTER = ": take a shorter one, on chains as 1 / (links x speed); gauss_joint takes longer ones than rattle_joint"
 CALLS = ("stage", "gaps", "push", "solve", "close", "finish", "record")
 POOR_PIVOT, LEAST_PIVOT = 1e-3, 1e-6  # of their first values: others are looked for, and the march ends
 FASTEST = 1e-2  # assumed convergence of a sweep, at best

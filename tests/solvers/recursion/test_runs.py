@@ -85,6 +85,17 @@ def test_the_way_back_of_a_long_chain_leads_to_the_start(solver: str) -> None:
     assert np.max(np.abs(back.r[-1] - problem.initial.r)) < 1e-10
 
 
+@pytest.mark.parametrize(("links", "dt"), [(120, 2e-3), (240, 1e-3), (240, 5e-4)])
+def test_steps_of_rattle_end_where_the_limitation_says(links: int, dt: float) -> None:
+    """Where dt N w is 0.1 the equations of a step are singular, w the fastest turn; the run says what helps."""
+    out = make_solver("rattle_joint").solve(long_chain(0.4, links), StepControl(dt=dt))
+    assert out.status is Status.STEP_UNDERFLOW
+    assert "shorter" in out.message and "gauss_joint" in out.message
+    fastest = float(np.max(np.linalg.norm(out.states.Omega[-1], axis=1)))
+    assert 0.08 < dt * links * fastest < 0.16
+    run(long_chain(float(out.t[-1]), links), 0.4 * dt, "rattle_joint")
+
+
 @pytest.mark.parametrize(("solver", "step", "bound"), [
     ("dop853_joint", 1e-11, 1e-9), ("gauss_joint", 5e-3, 1e-8), ("rattle_joint", 2e-3, 1e-3),
 ])  # fmt: skip
