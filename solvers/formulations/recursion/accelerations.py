@@ -10,7 +10,8 @@ from ..compiled.algebra import clear, copy, times
 from ..compiled.entries import inner, run
 from .closing_rows import couple_rows, factor_closing, rate_rows, release, respond, solve_closing
 from .limbs import Closing, Limbs
-from .sweeps import cross, factor_inertia, find_response, place_bodies, turn_about_centre
+from .sweeps import move_to, turn_about_centre
+from .twists import cross
 
 
 class Coupled(NamedTuple):
@@ -68,16 +69,16 @@ def _accelerate(s: Any) -> float:
     """Leave ``u_dot`` and ``mu``."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
-    place_bodies(l, s.q, s.u)
+    move_to(l, s.q, s.u)
     run(s.loads)
-    factor_inertia(l)
+    run(l.factoring)
     least = 1.0
     if len(c.joint) > 0:
         run(c.evaluate)
         least = factor_closing(l, c)
     set_loads(l)
     clear(l.effort)
-    find_response(l)
+    run(l.responding)
     copy(l.found, s.u_dot)
     if len(c.kept) > 0:
         for k in range(len(l.parent)):
@@ -168,8 +169,8 @@ def couple_tree(s: Any) -> None:
     """(t, q, u) -> S of the rows that hold, without a factor."""
     l = s.limbs
     l.t[0] = s.t[0]
-    place_bodies(l, s.q, s.u)
-    factor_inertia(l)
+    move_to(l, s.q, s.u)
+    run(l.factoring)
     if len(s.closing.joint) > 0:
         run(s.closing.evaluate)
         couple_rows(l, s.closing)
@@ -194,7 +195,7 @@ def finish_tree(s: Any) -> None:
             s.q_after[i] += s.q_moved[i]
     normalise(l, s.q_after)
     if len(c.joint) > 0:
-        place_bodies(l, s.q_after, s.u)
+        move_to(l, s.q_after, s.u)
         run(c.evaluate)
         gap = 0.0
         for k in range(len(c.out)):

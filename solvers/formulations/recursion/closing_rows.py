@@ -3,8 +3,9 @@
 from typing import Any
 
 from ..compiled.algebra import clear, times
-from ..compiled.entries import apart, inner
-from .sweeps import cross, find_response, set_rate
+from ..compiled.entries import apart, inner, run
+from .sweeps import set_rate
+from .twists import cross
 
 
 @inner
@@ -55,7 +56,7 @@ def couple_rows(s: Any, c: Any) -> None:
     for k in range(m):
         clear(s.load)
         add_row(s, c, c.kept[k], 1.0)
-        find_response(s)
+        run(s.responding)
         for i in range(len(s.found)):
             c.Y[k, i] = s.found[i]
         rate_rows(s, c, s.response)

@@ -61,7 +61,7 @@ class TreeMechanism:
     @property
     def words(self) -> str:
         """Say what evaluates the mechanism."""
-        return f"recursion over {self.system.nb} bodies"
+        return f"recursion over {self.system.nb} {'body' if self.system.nb == 1 else 'bodies'}"
 
     def evaluate(self, chosen: Order | None = None) -> "TreeEvaluation":
         """Return what evaluates it with rows in this order."""

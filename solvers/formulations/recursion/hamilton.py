@@ -18,16 +18,8 @@ from ..compiled.entries import apart, inner, run
 from .accelerations import normalise, rate_coordinates, rate_quaternion
 from .closing_rows import add_row, factor_closing, rate_rows, release, respond, solve_closing
 from .limbs import Closing, Limbs
-from .sweeps import (
-    cross,
-    factor_inertia,
-    find_response,
-    gather_efforts,
-    pass_on,
-    place_bodies,
-    set_rate,
-    turn_about_centre,
-)
+from .sweeps import gather_efforts, move_to, pass_on, set_rate, turn_about_centre
+from .twists import cross
 
 
 class Phase(NamedTuple):
@@ -55,11 +47,11 @@ def find_slopes(s: Any) -> None:
     """stage(t, q, p) -> q_dot, p_dot"""
     l = s.limbs
     l.t[0] = s.t[0]
-    place_bodies(l, s.q, s.still)
-    factor_inertia(l)
+    move_to(l, s.q, s.still)
+    run(l.factoring)
     lower_momenta(l, s.q, s.p, l.effort)
     clear(l.load)
-    find_response(l)
+    run(l.responding)
     for k in range(len(l.parent)):
         for i in range(6):
             l.motion[k, i] = l.response[k, i]
@@ -163,7 +155,7 @@ def add_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> N
 def enter_phase(s: Any) -> None:
     """enter(q, u) -> p"""
     l = s.limbs
-    place_bodies(l, s.q, s.u)
+    move_to(l, s.q, s.u)
     find_momenta(l)
     gather_efforts(l, l.momentum, l.found)
     lift_momenta(l, s.q, l.found, s.p)
@@ -174,7 +166,7 @@ def find_gaps(s: Any) -> None:
     l, c = s.limbs, s.closing
     if len(c.joint) > 0:
         l.t[0] = s.t[0]
-        place_bodies(l, s.q, s.still)
+        move_to(l, s.q, s.still)
         run(c.evaluate)
         for a in range(len(c.joint)):
             s.out[a] = c.phi[c.place[a]]
@@ -192,7 +184,7 @@ def find_push(s: Any) -> None:
     clear(l.found)
     if len(c.joint) > 0:
         l.t[0] = s.t[0]
-        place_bodies(l, s.q, s.still)
+        move_to(l, s.q, s.still)
         run(c.evaluate)
         clear(l.load)
         for a in range(len(c.joint)):
@@ -217,8 +209,8 @@ def factor_phase(s: Any) -> None:
 def _factor(s: Any) -> None:
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
-    place_bodies(l, s.q, s.still)
-    factor_inertia(l)
+    move_to(l, s.q, s.still)
+    run(l.factoring)
     if len(c.joint) > 0:
         run(c.evaluate)
         factor_closing(l, c)
@@ -230,7 +222,7 @@ def close_phase(s: Any) -> None:
     _factor(s)
     lower_momenta(l, s.q, s.p, l.effort)
     clear(l.load)
-    find_response(l)
+    run(l.responding)
     copy(l.found, s.u)
     if len(c.joint) > 0:
         rate_rows(l, c, l.response)

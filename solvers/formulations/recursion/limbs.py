@@ -12,8 +12,10 @@ import numpy as np
 
 from ....harness.mechanics.fixed_order import apply, product
 from ....harness.mechanics.system import GROUND, MultibodySystem
+from ..compiled.entries import Bound
 from ..compiled.kernel import Kernel, empty_kernel, finish_kernel
 from ..joint_coordinates.tree import Limb, Tree
+from .sweeps import factor_inertia, find_response, place_bodies
 
 MOST = 6  # velocities of a limb: of one that floats
 
@@ -59,6 +61,11 @@ class Limbs(NamedTuple):
     found: Any  # (nu,) accelerations, or velocities
     response: Any  # (n + 1, 6) motion by these
     momentum: Any  # (n + 1, 6)
+    q: Any  # (nq,)
+    u: Any  # (nu,)
+    placing: Any  # programs: ``sweeps.place_bodies``
+    factoring: Any  # ``sweeps.factor_inertia``
+    responding: Any  # ``sweeps.find_response``
 
 
 class Closing(NamedTuple):
@@ -153,15 +160,24 @@ def _limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
         "rate": (system.nb, 6), "P": (n + 1, 3), "L": (n, 3), "c": (n + 1, 3), "pull": (MOST, MOST),
         **dict.fromkeys(("motion", "bias", "load", "back", "response", "momentum"), (n + 1, 6)),
         **dict.fromkeys(("axes", "carried", "gain", "D"), (n, MOST, MOST)),
-        **dict.fromkeys(("effort", "left", "found"), (tree.nu,)),
+        **dict.fromkeys(("effort", "left", "found", "u"), (tree.nu,)), "q": (tree.nq,),
     }  # fmt: skip
-    return Limbs(
+    return bind_sweeps(Limbs(
         body=body, parent=np.array([place[limb.parent] for limb in tree.limbs], dtype=np.int64), slides=slides,
         turns=np.array([limb.sizes[1] for limb in tree.limbs], dtype=np.int64) - slides, ball=count("ball"),
         q_at=count("q_at"), u_at=count("u_at"), way=way, arm=point("arm"), centre=point("centre"),
         frame=product(back, tree.frames[body]), base=np.array(tree.base), mass=system.mass[body],
         inertia=np.array(system.regular_inertia[body]), t=kernel.t, r=kernel.r, R=kernel.R, v=kernel.v,
-        force=kernel.force, turned=turned, **{name: np.zeros(shape) for name, shape in shapes.items()},
+        force=kernel.force, turned=turned, placing=0, factoring=0, responding=0,
+        **{name: np.zeros(shape) for name, shape in shapes.items()},
+    ))  # fmt: skip
+
+
+def bind_sweeps(limbs: Limbs) -> Limbs:
+    """Return limbs with the programs of their sweeps: compiled once, not into each function that takes them."""
+    return limbs._replace(
+        placing=Bound(place_bodies, limbs), factoring=Bound(factor_inertia, limbs),
+        responding=Bound(find_response, limbs),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from ..generated import Program
 from ..joint_coordinates.spins import find_spins
 from .evaluation import TreeEvaluation, TreeMechanism
 from .hamilton import Phase, close_phase, enter_phase, factor_phase, find_gaps, find_push, find_slopes, solve_phase
-from .limbs import hold_rows
+from .limbs import bind_sweeps, hold_rows
 
 NONE = np.zeros(0)
 FUNCTIONS: dict[str, tuple[Any, tuple[str, ...]]] = {  # and what their arrays are
@@ -40,8 +40,9 @@ class TreePhase:
             about_P = np.trace(inertia[k]) + 2.0 * limbs.mass[k] * float(np.sum(limbs.centre[k] ** 2))
             soft[k] = 0.75 / about_P  # a quaternion of the mean inertia about all axes has 4 I along x
         self.made, self.rows, self.spins = made, made.rows + len(balls), len(spins)
+        turning = bind_sweeps(limbs._replace(inertia=inertia))
         self.phase = Phase(
-            limbs._replace(inertia=inertia), of.closing, int(of.applied), soft, spin, axis, np.zeros(tree.nu),
+            turning, of.closing, int(of.applied), soft, spin, axis, np.zeros(tree.nu),
             np.zeros(tree.nu), *(NONE for _ in range(8)),
         )  # fmt: skip
 

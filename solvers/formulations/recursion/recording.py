@@ -12,7 +12,8 @@ from ..joint_coordinates.tree import Tree
 from .accelerations import add_centripetal, set_loads
 from .closing_rows import add_row
 from .limbs import Closing, Limbs, Mechanism
-from .sweeps import cross, find_motion, gather_efforts, place_bodies, set_rate
+from .sweeps import find_motion, gather_efforts, move_to, set_rate
+from .twists import cross
 
 NOTHING = 1e-300  # no error at all is 0, not 0/0
 
@@ -69,7 +70,7 @@ def record_tree(s: Any) -> None:
     """(t, q, u, u_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
-    place_bodies(l, s.q, s.u)
+    move_to(l, s.q, s.u)
     run(s.loads)
     run(s.whole)
     if len(c.joint) > 0:

@@ -10,14 +10,22 @@ P alone. Cost is linear in bodies.
 
 from typing import Any
 
-from ..compiled.algebra import times, times_transposed, turned_by
-from ..compiled.entries import apart, inner
+from ..compiled.algebra import copy, times, times_transposed, turned_by
+from ..compiled.entries import apart, inner, run
+from .twists import copy_rotation, cross, dot, put, turn_by_quaternion
 
 
-@apart
-def place_bodies(s: Any, q: Any, u: Any) -> None:
+@inner
+def move_to(s: Any, q: Any, u: Any) -> None:
+    """Place bodies at coordinates and velocities, by the one ``place_bodies`` there is in the process."""
+    copy(q, s.q)
+    copy(u, s.u)
+    run(s.placing)
+
+
+def place_bodies(s: Any) -> None:
     """Bodies at coordinates ``q`` and velocities ``u``, and accelerations where those of the joints are 0."""
-    n = len(s.parent)
+    n, q, u = len(s.parent), s.q, s.u
     for l in range(n):
         p, ns, at, first = s.parent[l], s.slides[l], s.q_at[l], s.u_at[l]
         own, before, axes, way = s.turned[l], s.turned[p], s.axes[l], s.way[l]
@@ -25,7 +33,7 @@ def place_bodies(s: Any, q: Any, u: Any) -> None:
         a = b = c = 0.0
         for k in range(ns):
             d0, d1, d2 = times(before, way[k, 0], way[k, 1], way[k, 2])
-            _set(axes[k], 0.0, 0.0, 0.0, d0, d1, d2)
+            put(axes[k], 0.0, 0.0, 0.0, d0, d1, d2)
             x, y, z = x + q[at + k] * d0, y + q[at + k] * d1, z + q[at + k] * d2
             a, b, c = a + u[first + k] * d0, b + u[first + k] * d1, c + u[first + k] * d2
         w0, w1, w2 = s.motion[p, 0], s.motion[p, 1], s.motion[p, 2]
@@ -39,25 +47,25 @@ def place_bodies(s: Any, q: Any, u: Any) -> None:
         if s.ball[l]:
             j = at + ns
             x, y, z = times_transposed(s.base, q[j + 1], q[j + 2], q[j + 3])
-            _of_quaternion(q[j], x, y, z, own)
+            turn_by_quaternion(q[j], x, y, z, own)
             w0, w1, w2 = times_transposed(s.base, u[first + ns], u[first + ns + 1], u[first + ns + 2])
             a = b = c = 0.0
             for k in range(3):
-                _set(axes[ns + k], way[ns + k, 0], way[ns + k, 1], way[ns + k, 2], 0.0, 0.0, 0.0)
+                put(axes[ns + k], way[ns + k, 0], way[ns + k, 1], way[ns + k, 2], 0.0, 0.0, 0.0)
         else:
             a, b, c = s.bias[p, 0], s.bias[p, 1], s.bias[p, 2]
-            _copy_rotation(before, own)
+            copy_rotation(before, own)
             for k in range(ns, ns + s.turns[l]):
                 x, y, z = way[k, 0], way[k, 1], way[k, 2]
                 d0, d1, d2 = times(own, x, y, z)
-                _set(axes[k], d0, d1, d2, 0.0, 0.0, 0.0)
+                put(axes[k], d0, d1, d2, 0.0, 0.0, 0.0)
                 rate, angle = u[first + k], q[at + k]
                 f0, f1, f2 = cross(w0, w1, w2, d0, d1, d2)
                 a, b, c = a + rate * f0, b + rate * f1, c + rate * f2
                 w0, w1, w2 = w0 + rate * d0, w1 + rate * d1, w2 + rate * d2
                 turned_by(own, angle * x, angle * y, angle * z, own)
-        _set(s.motion[l], w0, w1, w2, v0, v1, v2)
-        _set(s.bias[l], a, b, c, e0, e1, e2)
+        put(s.motion[l], w0, w1, w2, v0, v1, v2)
+        put(s.bias[l], a, b, c, e0, e1, e2)
         x, y, z = times(own, s.centre[l, 0], s.centre[l, 1], s.centre[l, 2])
         s.c[l, 0], s.c[l, 1], s.c[l, 2] = x, y, z
         body = s.body[l]
@@ -75,7 +83,7 @@ def set_rate(s: Any, l: int, motion: Any, out: Any) -> None:
     w0, w1, w2 = motion[0], motion[1], motion[2]
     x, y, z = cross(w0, w1, w2, s.c[l, 0], s.c[l, 1], s.c[l, 2])
     a, b, c = times_transposed(s.R[s.body[l]], w0, w1, w2)
-    _set(out, motion[3] + x, motion[4] + y, motion[5] + z, a, b, c)
+    put(out, motion[3] + x, motion[4] + y, motion[5] + z, a, b, c)
 
 
 @inner
@@ -87,7 +95,6 @@ def turn_about_centre(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
     return times(R, a, b, c)
 
 
-@apart
 def factor_inertia(s: Any) -> None:
     """Find ``D`` and ``gain`` of all limbs."""
     n = len(s.parent)
@@ -118,9 +125,9 @@ def _free_joint(A: Any, axes: Any, pull: Any, gain: Any, D: Any, count: int) -> 
     """pull = S^T A, D = (S^T A S)^-1, gain = D pull, A := A - pull^T gain."""
     for k in range(count):
         for i in range(6):
-            pull[k, i] = _dot(A[i], axes[k])
+            pull[k, i] = dot(A[i], axes[k])
         for j in range(k + 1):
-            D[k, j] = D[j, k] = _dot(pull[k], axes[j])
+            D[k, j] = D[j, k] = dot(pull[k], axes[j])
     for k in range(count):  # inverted in place (Gauss and Jordan)
         pivot = 1.0 / D[k, k]
         D[k, k] = 1.0
@@ -186,7 +193,6 @@ def _add_inertia(A: Any, x: float, y: float, z: float, ball: int, out: Any) -> N
             out[j, 2] += A[j, 2] + c
 
 
-@apart
 def find_response(s: Any) -> None:
     """Find accelerations ``found`` by loads and efforts, and the bodies' ``response``: linear in both."""
     n = len(s.parent)
@@ -196,7 +202,7 @@ def find_response(s: Any) -> None:
     for l in range(n - 1, -1, -1):
         own, p, first = s.back[l], s.parent[l], s.u_at[l]
         for k in range(s.slides[l] + s.turns[l]):
-            s.left[first + k] = s.effort[first + k] - _dot(s.axes[l, k], own)
+            s.left[first + k] = s.effort[first + k] - dot(s.axes[l, k], own)
         for k in range(s.slides[l] + s.turns[l]):
             x = s.left[first + k]
             for i in range(6):
@@ -207,7 +213,7 @@ def find_response(s: Any) -> None:
         p, first, count, own = s.parent[l], s.u_at[l], s.slides[l] + s.turns[l], s.response[l]
         _take_part(s, l, s.response[p], own)
         for k in range(count):
-            x = -_dot(s.gain[l, k], own)
+            x = -dot(s.gain[l, k], own)
             for j in range(count):
                 x += s.D[l, k, j] * s.left[first + j]
             s.found[first + k] = x
@@ -228,7 +234,7 @@ def _take_part(s: Any, l: int, before: Any, out: Any) -> None:
     """X a_parent."""
     x, y, z = cross(before[0], before[1], before[2], s.L[l, 0], s.L[l, 1], s.L[l, 2])
     share = 0.0 if s.ball[l] else 1.0
-    _set(
+    put(
         out, share * before[0], share * before[1], share * before[2], before[3] + x, before[4] + y, before[5] + z
     )  # fmt: skip
 
@@ -247,7 +253,7 @@ def gather_efforts(s: Any, loads: Any, out: Any) -> None:
     n = len(s.parent)
     for l in range(n - 1, -1, -1):
         for k in range(s.slides[l] + s.turns[l]):
-            out[s.u_at[l] + k] = _dot(s.axes[l, k], loads[l])
+            out[s.u_at[l] + k] = dot(s.axes[l, k], loads[l])
         if s.parent[l] < n:
             pass_on(s, l, loads[l], loads[s.parent[l]])
 
@@ -257,39 +263,7 @@ def pass_on(s: Any, l: int, load: Any, out: Any) -> None:
     """Add X^T load."""
     x, y, z = cross(s.L[l, 0], s.L[l, 1], s.L[l, 2], load[3], load[4], load[5])
     share = 0.0 if s.ball[l] else 1.0
-    _set(
+    put(
         out, out[0] + share * load[0] + x, out[1] + share * load[1] + y, out[2] + share * load[2] + z,
         out[3] + load[3], out[4] + load[4], out[5] + load[5],
     )  # fmt: skip
-
-
-@inner
-def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> Any:
-    """(a, b, c) x (x, y, z)"""
-    return b * z - c * y, c * x - a * z, a * y - b * x
-
-
-@inner
-def _dot(a: Any, b: Any) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
-
-
-@inner
-def _set(out: Any, a: float, b: float, c: float, x: float, y: float, z: float) -> None:
-    out[0], out[1], out[2], out[3], out[4], out[5] = a, b, c, x, y, z
-
-
-@inner
-def _copy_rotation(source: Any, target: Any) -> None:
-    for i in range(3):
-        for k in range(3):
-            target[i, k] = source[i, k]
-
-
-@inner
-def _of_quaternion(s: float, x: float, y: float, z: float, R: Any) -> None:
-    """R of a quaternion of any length."""
-    f = 2.0 / (s * s + x * x + y * y + z * z)
-    R[0, 0], R[0, 1], R[0, 2] = 1.0 - f * (y * y + z * z), f * (x * y - s * z), f * (x * z + s * y)
-    R[1, 0], R[1, 1], R[1, 2] = f * (x * y + s * z), 1.0 - f * (x * x + z * z), f * (y * z - s * x)
-    R[2, 0], R[2, 1], R[2, 2] = f * (x * z - s * y), f * (y * z + s * x), 1.0 - f * (x * x + y * y)

@@ -14,7 +14,7 @@ from mbsbench.solvers.formulations.compiled.entries import Inner
 from mbsbench.solvers.formulations.generated import code as generated_code
 from mbsbench.solvers.formulations.joint_coordinates import choice, marching, symplectic
 from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
-from mbsbench.solvers.formulations.recursion import accelerations, closing_rows, evaluation, hamilton, sweeps
+from mbsbench.solvers.formulations.recursion import accelerations, closing_rows, evaluation, hamilton, sweeps, twists
 from mbsbench.solvers.formulations.recursion.accelerations import Coupled
 from mbsbench.solvers.formulations.recursion.evaluation import TreeMechanism
 from mbsbench.solvers.formulations.recursion.limbs import hold_rows
@@ -174,12 +174,12 @@ class Counted(np.ndarray):
 @pytest.fixture
 def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sweeps as plain Python, whatever has been compiled before."""
-    for module in (algebra, sweeps, closing_rows, accelerations, hamilton):
+    for module in (algebra, twists, sweeps, closing_rows, accelerations, hamilton):
         for name, value in list(vars(module).items()):
             plain = value.function if isinstance(value, Inner) else getattr(value, "py_func", None)
             if plain is not None:
                 monkeypatch.setattr(module, name, plain)
-        monkeypatch.setattr(module, "run", lambda entry: None, raising=False)
+        monkeypatch.setattr(module, "run", lambda entry: None if isinstance(entry, int) else entry(), raising=False)
 
 
 @pytest.mark.usefixtures("uncompiled")
@@ -194,6 +194,10 @@ def test_work_grows_in_proportion_to_bodies(function: str) -> None:
         limbs = own.mechanism.limbs._replace(
             **{n: a.view(Counted) for n, a in own.mechanism.limbs._asdict().items() if isinstance(a, np.ndarray)}
         )
+        limbs = limbs._replace(
+            placing=lambda: sweeps.place_bodies(limbs), factoring=lambda: sweeps.factor_inertia(limbs),
+            responding=lambda: sweeps.find_response(limbs),
+        )  # fmt: skip
         q, u = np.split(tree.start, [tree.nq])
         closing = hold_rows(own.mechanism.closing, own.order.rows, own.order.pivots)
         Counted.reads = 0
