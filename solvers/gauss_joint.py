@@ -7,8 +7,11 @@ velocities closed at the ends of steps: the Gauss-Lobatto SPARK methods of Jay (
 order 2 s, too.
 
 Symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step ends; energy
-is not kept exactly, but does not drift. With dampers, loads or drives the order holds, and no claim on energy. Of rows
-that depend on each other, independent ones hold; others are chosen, at the end of a step, where their pivots are poor.
+is not kept exactly, but does not drift. With dampers, loads, drives or user forces the order holds, and no claim on
+energy. Of rows that depend on each other, independent ones hold; others are chosen, at the end of a step, where their
+pivots are poor.
+
+Above 30,000 operations, and with user forces, a recursion over bodies as data takes the place of code (``recursion``).
 """
 
 from dataclasses import dataclass
@@ -37,7 +40,7 @@ class GaussJoint:
         return 2.0 * self.stages
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi, user forces, and mechanisms that need too much code."""
+        """Refuse rows without phi, and large mechanisms that have many closed loops."""
         return refusal(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:

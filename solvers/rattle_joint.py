@@ -7,8 +7,10 @@ a row. The spin of slender bodies that balls on their axes hold is added exactly
 steps would have no solution where they turn fast.
 
 Order two; symplectic and time-reversible, for trees and for loops, to the rounding at which the iteration of a step
-ends. With dampers, loads or drives the order holds, and no claim on energy. Of rows that depend on each other,
-independent ones hold; others are chosen, at the end of a step, where their pivots are poor.
+ends. With dampers, loads, drives or user forces the order holds, and no claim on energy. Of rows that depend on each
+other, independent ones hold; others are chosen, at the end of a step, where their pivots are poor.
+
+Above 30,000 operations, and with user forces, a recursion over bodies as data takes the place of code (``recursion``).
 """
 
 from dataclasses import dataclass
@@ -31,7 +33,7 @@ class RattleJoint:
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi, user forces, and mechanisms that need too much code."""
+        """Refuse rows without phi, and large mechanisms that have many closed loops."""
         return refusal(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...solvers.formulations.joint_coordinates.marching import refusal
+from ...solvers.formulations.joint_coordinates.counting import refuse_code
 from ...solvers.formulations.joint_coordinates.tree import spanning_tree
 from ..clock import cpu_seconds
 from ..mechanics.motion import energy
@@ -77,7 +77,7 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
         raise ValueError(f"a shadow needs a motion of at least {FEWEST} rows (got {len(t)})")
     if not all(np.all(np.isfinite(a)) for a in (given.r, given.R, given.v, given.Omega)):
         raise ValueError("the motion has values that are not finite; give a --t-end before them")
-    if why := refusal(problem):
+    if why := refuse_code(problem):
         raise ValueError(f"no shadow of {problem.name}: it {why.split(': use')[0]}")
     system, start = problem.system, States.one(problem.initial)
     far = displacement(system, given, start)

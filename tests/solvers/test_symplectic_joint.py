@@ -22,7 +22,6 @@ from mbsbench.solvers.formulations.joint_coordinates.hamilton import make_hamilt
 from mbsbench.solvers.formulations.joint_coordinates.symplectic import Marcher
 from mbsbench.solvers.formulations.joint_coordinates.tree import spanning_tree
 
-from .arbitrary_systems import with_user_forces
 from .runs import drift, orders, run
 
 GAUSS, RATTLE = "gauss_joint", "rattle_joint"
@@ -309,11 +308,9 @@ def test_reactions_are_the_judges_and_constraints_hold(solver: str, name: str) -
 
 @pytest.mark.parametrize("solver", [GAUSS, RATTLE])
 def test_what_is_not_sound_is_said(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No rows without phi, no user forces; of dampers the order is claimed, not energy; no run beyond its pivots."""
+    """No rows without phi; of dampers the order is claimed, not energy; no run beyond its pivots."""
     control = StepControl(dt=0.05)
     assert "phi" in (make_solver(solver).refuses(make_problem("knife_edge"), control) or "")
-    pushed = dataclasses.replace(make_problem("heavy_top"), system=with_user_forces())
-    assert "user forces" in (make_solver(solver).refuses(pushed, control) or "")
     damped = make_problem("damped_linkage", {"t_end": 0.1})
     assert any("energy" in note for note in run(damped, 0.01, solver).notes)
     singular = make_solver(solver).solve(make_problem("n_four_bar", {"windows": 2}), StepControl(dt=2e-4))

@@ -49,6 +49,10 @@ MOST_LOADED = 8  # codes that a process keeps: the last ones
 _LOADED: "dict[str, JointCode]" = {}
 
 
+class TooLarge(ValueError):
+    """Code of a mechanism would have more than ``MOST_OPERATIONS``."""
+
+
 class JointCode(NamedTuple):
     """The code of a mechanism, K's pattern, the order of its elimination, and sizes."""
 
@@ -64,6 +68,11 @@ class JointCode(NamedTuple):
     def kept(self) -> int:
         """Return how many rows of the loops hold."""
         return sum(k >= self.pattern.first for k in self.order.rows)
+
+    @property
+    def words(self) -> str:
+        """Say what evaluates the mechanism."""
+        return f"code of {self.operations} operations an evaluation"
 
     @property
     def is_small(self) -> bool:
@@ -86,7 +95,7 @@ def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> Joi
     if made.operations < 0:
         raise ValueError("needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853")
     if made.operations > MOST_OPERATIONS:
-        raise ValueError(too_large(made.operations))
+        raise TooLarge(too_large(made.operations))
     if made.kept < made.rows and not system.is_holonomic:
         raise ValueError("leaves out rows that depend on others, and not every row has a phi to watch: use rkmk_dop853")
     return made

@@ -10,11 +10,21 @@ from jaxtyping import Float
 from ....harness.mechanics.jacobian import constraint_jacobian
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
+from ....harness.types import Problem
+from .code import MOST_OPERATIONS, too_large
 from .elimination import Matrix, NoInertia, find_order
 from .tree import Tree, snap, spanning_tree
 
 OF_AN_ENTRY, OF_A_BALL, OF_A_BODY, OF_A_PRODUCT = 3, 150, 30, 6  # of H; and of the elimination
 MOST_BODIES = 1000  # these alone take ``OF_A_BODY`` each
+
+
+def refuse_code(problem: Problem) -> str | None:
+    """Say why no code can be made of a problem, as far as that is known beforehand."""
+    if len(problem.system.user_i):
+        return "writes out declared forces only, no user forces: use rkmk_dop853"
+    operations = least_operations(problem.system, problem.initial)
+    return too_large(operations) if operations > MOST_OPERATIONS else None
 
 
 def least_operations(system: MultibodySystem, start: State) -> int:

@@ -69,6 +69,20 @@ class Evaluation:
         steps += self._watch(phi, guard[1:])
         return Program(steps + self.step("conclude", y, q, step, after, q_dot), self)
 
+    def record(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, *results: np.ndarray) -> Program:
+        """Return the program of r, R, v, v_dot of all bodies and of reactions."""
+        return Program(self.step("record", t, y, y_dot, lam, *results), self.made.code)
+
+    def measure(
+        self, given: np.ndarray, start: np.ndarray, y: np.ndarray, sums: np.ndarray, error: np.ndarray
+    ) -> Program:
+        """Return the program of the error of a step."""
+        return Program(self.step("measure", given, start, y, sums, error), self.made.code)
+
+    def step_at_once(self, *arrays: np.ndarray) -> Program:
+        """Return the program of a step of a small mechanism."""
+        return Program(self.step("step", *arrays), self.made.code)
+
     def entries(self, t: np.ndarray, y: np.ndarray, b: np.ndarray, q_dot: np.ndarray) -> Steps:
         """Return steps: K and b."""
         return self.step("entries", t, y, self.K[: self.made.pattern.variable], b, q_dot)

@@ -33,10 +33,11 @@ import numpy as np
 from ....harness.code_meter import making_code
 from ....harness.mechanics.fixed_order import product
 from ....harness.mechanics.system import MultibodySystem
-from ..generated import Code
+from ..generated import Code, Program
 from ..generated.code import print_functions
 from .code import (
     MOST_OPERATIONS,
+    TooLarge,
     _column,
     _evaluate,
     _normalise,
@@ -66,6 +67,15 @@ class HamiltonCode(NamedTuple):
     spins: int
     operations: int  # of ``stage``
 
+    @property
+    def words(self) -> str:
+        """Say what evaluates a stage."""
+        return f"code of {self.operations} operations a stage"
+
+    def bind(self, name: str, *arrays: np.ndarray) -> Program:
+        """Return the program of a function."""
+        return Program([(self.code.address(name), arrays)], self)
+
 
 @making_code
 def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = False) -> HamiltonCode:
@@ -78,7 +88,7 @@ def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = Fa
     code.function("about", 1)(about.ctypes.data)
     rows, spins, operations = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
-        raise ValueError(too_large(operations))
+        raise TooLarge(too_large(operations))
     return HamiltonCode(code, rows, spins, operations)
 
 

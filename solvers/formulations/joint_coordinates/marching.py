@@ -28,8 +28,9 @@ from ..generated import Program
 from ..methods.rkmk import explicit_pair
 from ..methods.tableaux import DOPRI853
 from ..recording import no_trajectory
-from .code import MOST_OPERATIONS, JointCode, make_code, too_large
-from .counting import least_operations
+from ..recursion.evaluation import TreeMechanism
+from .choice import choose_code, evaluate
+from .code import JointCode
 from .elimination import Order
 from .evaluation import Evaluation
 from .pivots import LostRank
@@ -205,7 +206,7 @@ class Marcher:
     """The code of a problem's mechanism at work; ValueError where none can be made."""
 
     tree: Tree
-    code: JointCode
+    code: JointCode | TreeMechanism
     _room: tuple[Record, Bound] | None = None
 
     def __init__(
@@ -213,8 +214,8 @@ class Marcher:
     ) -> None:
         """From the start, or from where the one ``before`` stands, by the order of elimination ``chosen`` there."""
         system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
-        self.tree, self.code = tree, before.code if before else make_code(system, tree)
-        self.evaluation = Evaluation(self.code, tree.nq, chosen)
+        self.tree, self.code = tree, before.code if before else choose_code(problem, tree)
+        self.evaluation = evaluate(self.code, tree.nq, chosen)
         nb, n, tableau = system.nb, len(tree.start), DOPRI853
         self.state = state
         self.kernel = bodies = Bodies(
@@ -223,14 +224,14 @@ class Marcher:
         )  # fmt: skip
         given, y, y_dot, after, lam, guard, start = (np.zeros(k) for k in (3, n, n, n, self.code.rows, 2, n))
         t, slopes, sums, error, least = given[:1], np.zeros((len(tableau.b), n)), np.zeros((2, n)), *np.zeros((2, 1))
-        step_of = self.evaluation.step
-        self._at_once = self.code.is_small and chosen is None
+        own = self.evaluation
+        at_once = own if isinstance(own, Evaluation) and self.code.is_small and chosen is None else None
         self._programs = [
-            self.evaluation.accelerate(t, y, y_dot, least),
-            Program(step_of("measure", given, start, y, sums, error), self.code),
-            Program(step_of("step", given, start, slopes[0], y, error, least) if self._at_once else [], self.code),
-            self.evaluation.finish(t, y, after, y_dot, lam, guard),
-            Program(step_of("record", t, after, y_dot, lam, *bodies[:5]), self.code),
+            own.accelerate(t, y, y_dot, least),
+            own.measure(given, start, y, sums, error),
+            at_once.step_at_once(given, start, slopes[0], y, error, least) if at_once else Program([]),
+            own.finish(t, y, after, y_dot, lam, guard),
+            own.record(t, after, y_dot, lam, *bodies[:5]),
         ]
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
         self.stages = Stages(
@@ -238,7 +239,7 @@ class Marcher:
             least, guard, np.array([LEAST_IN_STAGES, LEAST_PIVOT, OPEN * (reach or 1.0), LOW]),
             np.array([0.0, 0.0, 0.0, 1.0]), *(program.entry for program in self._programs),
         )  # fmt: skip
-        one = step_at_once if self._at_once else step
+        one = step_at_once if at_once else step
         self._entries = Bound(one, self.stages), Bound(finish, self.stages)
         t[0], first = state["t"], before.stages.start if before else tree.start
         y[:] = first
@@ -353,14 +354,6 @@ METHOD = Method(
 )  # fmt: skip
 
 
-def refusal(problem: Problem) -> str | None:
-    """Say why no code can be made of a problem, as far as that is known beforehand."""
-    if len(problem.system.user_i):
-        return "writes out declared forces only, no user forces: use rkmk_dop853"
-    operations = least_operations(problem.system, problem.initial)
-    return too_large(operations) if operations > MOST_OPERATIONS else None
-
-
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
     """March to the end or to a failure, which is a status."""
     watch = Stopwatch()
@@ -374,7 +367,7 @@ def integrate(problem: Problem, control: StepControl) -> Trajectory:
         return no_trajectory(problem, Status.REFUSED, str(error))
     relay = Relay(problem, marcher)
     out = _march(problem, control, METHOD, relay, watch)
-    notes = [f"code of {marcher.code.operations} operations an evaluation"]
+    notes = [marcher.code.words]
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
     return dataclasses.replace(out, notes=(*notes, *relay.notes))

@@ -18,7 +18,7 @@ def write_measure(tree: Tree) -> Straight:
     n = tree.nq + tree.nu
     given, start, y, sums = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("y", n), ca.SX.sym("sums", 2 * n)
     first = second = ca.SX(0)
-    for low, high, angle in _blocks(tree):
+    for low, high, angle in tolerance_blocks(tree):
         a, b, x, z = start[low:high], y[low:high], sums[low:high], sums[n + low : n + high]
         scale = 0.5 * angle if angle else 1.0 + ca.sqrt(ca.fmax(ca.dot(a, a), ca.dot(b, b)))
         weight = 1.0 / (scale * scale)
@@ -47,7 +47,7 @@ def write_step(accelerate: Straight, measure: Straight) -> Straight:
     return Straight([given, start, first], [y, error(given, start, y, sums), least])
 
 
-def _blocks(tree: Tree) -> list[tuple[int, int, int]]:
+def tolerance_blocks(tree: Tree) -> list[tuple[int, int, int]]:
     """(first, last + 1, 0 of what has a length, else twice the tolerance of an angle) of the parts of y."""
     out: list[tuple[int, int, int]] = []
     for limb in tree.limbs:

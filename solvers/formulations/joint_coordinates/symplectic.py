@@ -25,14 +25,17 @@ from ..compiled.host import ENDS, ROUNDINGS, Method, _march
 from ..compiled.marching import FULL, STUCK, new_control
 from ..generated import Program
 from ..recording import no_trajectory
+from ..recursion.evaluation import TreeEvaluation
+from ..recursion.phases import TreeClosing, TreePhase
 from ..refusals import without_phi
 from . import marching
 from .acceleration import MEMORY, accelerate
-from .code import make_code
+from .choice import choose_phase, evaluate
+from .choice import refusal as refuse_loops
 from .collocation import DEPTH, Tableau
 from .elimination import Order
 from .evaluation import Evaluation, Steps
-from .hamilton import HamiltonCode, make_hamilton_code
+from .hamilton import HamiltonCode
 from .marching import OPEN, Bodies
 from .tree import spanning_tree
 
@@ -42,6 +45,7 @@ PLAIN_SWEEPS = 16  # acceleration begins where these would leave more than ``TIG
 LOOSE, TIGHT = 1e-9, 1e-13  # larger changes are no rounding; smaller ones are little else
 IDLE = 4  # sweeps in which changes do not halve: rounding; two are enough below ``TIGHT``
 ROUNDING = 3e-17  # of the estimated changes of sweeps to come, beside q and p
+SHORTER = ": take a shorter one, on chains as 1 / (links x speed); gauss_joint takes longer ones than rattle_joint"
 CALLS = ("stage", "gaps", "push", "solve", "close", "finish", "record")
 POOR_PIVOT, LEAST_PIVOT = 1e-3, 1e-6  # of their first values: others are looked for, and the march ends
 FASTEST = 1e-2  # assumed convergence of a sweep, at best
@@ -330,10 +334,18 @@ class Closing:
         return self._own.code.address(name), list(arrays)
 
 
+def make_closing(evaluation: Evaluation | TreeEvaluation, own: HamiltonCode | TreePhase) -> Closing | TreeClosing:
+    """Return what closes velocities at the ends of steps; both arguments are code, or neither is."""
+    if isinstance(evaluation, TreeEvaluation) and isinstance(own, TreePhase):
+        return TreeClosing(evaluation, own)
+    assert isinstance(evaluation, Evaluation) and isinstance(own, HamiltonCode)  # chosen together
+    return Closing(evaluation, own)
+
+
 class Marcher(marching.Marcher):
     """The code of a problem's mechanism at work, from its start; ValueError where none can be made."""
 
-    hamilton: HamiltonCode
+    hamilton: HamiltonCode | TreePhase
 
     def __init__(
         self, problem: Problem, state: np.ndarray, tableau: Tableau, before: "Marcher | None" = None,
@@ -341,9 +353,9 @@ class Marcher(marching.Marcher):
     ) -> None:  # fmt: skip
         """From the start, or from where the one ``before`` stands, by the order of elimination ``chosen`` there."""
         system, tree = problem.system, before.tree if before else spanning_tree(problem.system, problem.initial)
-        self.tree, self.code = tree, before.code if before else make_code(system, tree, whole=False)
-        own = before.hamilton if before else make_hamilton_code(system, tree, radial=radial)
-        self.evaluation = Evaluation(self.code, tree.nq, chosen)
+        self.tree = tree
+        self.code, own = (before.code, before.hamilton) if before else choose_phase(problem, tree, radial=radial)
+        self.evaluation = evaluate(self.code, tree.nq, chosen)
         self.hamilton, self.tableau, self.radial = own, tableau, radial
         nb, ny, nq, r = system.nb, len(tree.start), tree.nq, own.rows
         stages, m = len(tableau.b), len(tableau.nodes)
@@ -364,12 +376,12 @@ class Marcher(marching.Marcher):
             "stage": [t, z[0], z[1], z_dot[0], z_dot[1]], "gaps": [t, z[0], gaps], "push": [t, z[0], rows, push],
             "enter": [y, z[1]],
         }  # fmt: skip
-        programs = {name: Program([(own.code.address(name), arrays)], own) for name, arrays in steps.items()}
-        closing = Closing(Evaluation(self.code, nq, chosen), own)
+        programs = {name: own.bind(name, *arrays) for name, arrays in steps.items()}
+        closing = make_closing(evaluate(self.code, nq, chosen), own)
         programs |= {
             "close": closing.close(t, z, y, rows), "solve": closing.solve(rows, solved),
             "finish": self.evaluation.finish(t, y, after, y_dot, lam, guard),
-            "record": Program(self.evaluation.step("record", t, after, y_dot, lam, *bodies[:5]), self.code),
+            "record": self.evaluation.record(t, after, y_dot, lam, *bodies[:5]),
         }  # fmt: skip
         self._programs = list(programs.values())
         reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
@@ -415,7 +427,10 @@ class Marcher(marching.Marcher):
 
     def explain(self, outcome: int) -> str:
         """Say why the march has ended."""
-        return f"{super().explain(outcome)}: use rattle" if self.is_near else ENDS[outcome][1]
+        if self.is_near:
+            return f"{super().explain(outcome)}: use rattle"
+        helps = SHORTER if outcome == STUCK and isinstance(self.hamilton, TreePhase) else ""
+        return f"{ENDS[outcome][1]}{helps}"
 
 
 class Relay(marching.Relay):
@@ -445,8 +460,8 @@ METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations
 
 
 def refusal(problem: Problem) -> str | None:
-    """Refuse rows without phi, user forces, and mechanisms that need too much code."""
-    return without_phi(problem.system) or marching.refusal(problem)
+    """Refuse rows without phi, and large mechanisms that have many closed loops."""
+    return without_phi(problem.system) or refuse_loops(problem)
 
 
 def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radial: bool = False) -> Trajectory:
@@ -459,10 +474,11 @@ def integrate(problem: Problem, control: StepControl, tableau: Tableau, *, radia
         return no_trajectory(problem, Status.REFUSED, str(error))
     relay = Relay(problem, marcher)
     out = _march(problem, control, METHOD, relay, watch)
-    notes = [f"code of {marcher.hamilton.operations} operations a stage"]
+    notes = [marcher.hamilton.words]
     if marcher.code.rows:
         notes.append(f"{marcher.code.kept} of {marcher.code.rows} rows of the loops hold, the others depend on them")
     if not problem.system.is_conservative:
-        notes.append("dampers, loads or drives act: the order holds, a claim on energy does not")
+        act = "user forces" if len(problem.system.user_i) else "dampers, loads or drives"
+        notes.append(f"{act} act: the order holds, a claim on energy does not")
     counters = {**out.counters, "most_sweeps": relay.most_sweeps}
     return dataclasses.replace(out, notes=(*notes, *relay.notes), counters=counters)

@@ -1,0 +1,209 @@
+"""Accelerations of a tree with closing rows, its projection, and what is recorded of it (compiled).
+
+H u_dot = effort + J^T mu, J u_dot = -gamma: those without rows, then the rows' answer by the factor of J H^-1 J^T.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from ..compiled.algebra import clear, copy, times
+from ..compiled.entries import inner, run
+from .closing_rows import couple_rows, factor_closing, rate_rows, release, respond, solve_closing
+from .limbs import Closing, Limbs
+from .sweeps import move_to, turn_about_centre
+from .twists import cross
+
+
+class Coupled(NamedTuple):
+    """A tree, and where it is."""
+
+    limbs: Limbs
+    closing: Closing
+    t: Any  # (1,)
+    q: Any  # (nq,)
+    u: Any  # (nu,)
+
+
+class Accelerated(NamedTuple):
+    """A tree, where it is, and results."""
+
+    limbs: Limbs
+    closing: Closing
+    t: Any
+    q: Any
+    u: Any
+    q_dot: Any
+    u_dot: Any
+    least: Any  # (1,) pivot over its value where the order was found
+    loads: int  # program of forces
+
+
+class Finished(NamedTuple):
+    """The same, and results of a projection."""
+
+    limbs: Limbs
+    closing: Closing
+    t: Any
+    q: Any
+    u: Any
+    q_dot: Any
+    u_dot: Any
+    least: Any
+    loads: int
+    q_after: Any
+    u_after: Any
+    lam: Any  # (rows,) as the cut joints have them
+    gap: Any  # (1,) of rows that are left out
+    q_moved: Any  # (nq,)
+    change: Any  # (nu,)
+
+
+def accelerate_tree(s: Any) -> None:
+    """(t, q, u) -> q_dot, u_dot, least"""
+    s.least[0] = _accelerate(s)
+    rate_coordinates(s.limbs, s.q, s.u, s.q_dot)
+
+
+@inner
+def _accelerate(s: Any) -> float:
+    """Leave ``u_dot`` and ``mu``."""
+    l, c = s.limbs, s.closing
+    l.t[0] = s.t[0]
+    move_to(l, s.q, s.u)
+    run(s.loads)
+    run(l.factoring)
+    least = 1.0
+    if len(c.joint) > 0:
+        run(c.evaluate)
+        least = factor_closing(l, c)
+    set_loads(l)
+    clear(l.effort)
+    run(l.responding)
+    copy(l.found, s.u_dot)
+    if len(c.kept) > 0:
+        for k in range(len(l.parent)):
+            for i in range(6):
+                l.response[k, i] += l.bias[k, i]
+            add_centripetal(l, k, l.response[k], l.response[k])
+        rate_rows(l, c, l.response)
+        for k in range(len(c.kept)):
+            c.mu[k] = -(c.gamma[c.kept[k]] + c.rates[c.kept[k]])
+        solve_closing(c)
+        respond(c, s.u_dot)
+    return least
+
+
+@inner
+def set_loads(l: Any) -> None:
+    """Set loads to forces, less what inertia takes of accelerations ``bias``."""
+    for k in range(len(l.parent)):
+        body, m, bias, load = l.body[k], l.mass[k], l.bias[k], l.load[k]
+        x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
+        a, b, c = _acceleration_of_centre(l, k, bias)
+        f0, f1, f2 = l.force[body, 0] - m * a, l.force[body, 1] - m * b, l.force[body, 2] - m * c
+        a, b, c = turn_about_centre(l, k, bias[0], bias[1], bias[2])
+        n0, n1, n2 = times(l.R[body], l.force[body, 3], l.force[body, 4], l.force[body, 5])
+        m0, m1, m2 = cross(x, y, z, f0, f1, f2)
+        load[0], load[1], load[2] = n0 - a + m0, n1 - b + m1, n2 - c + m2
+        load[3], load[4], load[5] = f0, f1, f2
+
+
+@inner
+def _acceleration_of_centre(l: Any, k: int, a: Any) -> Any:
+    """Return that of C, where ``a`` has those of the turn and of P."""
+    d0, d1, d2 = _centripetal(l, k)
+    e0, e1, e2 = cross(a[0], a[1], a[2], l.c[k, 0], l.c[k, 1], l.c[k, 2])
+    return a[3] + d0 + e0, a[4] + d1 + e1, a[5] + d2 + e2
+
+
+@inner
+def add_centripetal(l: Any, k: int, a: Any, out: Any) -> None:
+    """Set ``out`` to accelerations ``a``, with that part of C's beside which the turn gives the rest."""
+    d0, d1, d2 = _centripetal(l, k)
+    out[0], out[1], out[2] = a[0], a[1], a[2]
+    out[3], out[4], out[5] = a[3] + d0, a[4] + d1, a[5] + d2
+
+
+@inner
+def _centripetal(l: Any, k: int) -> Any:
+    """Return omega x (omega x c)."""
+    w0, w1, w2 = l.motion[k, 0], l.motion[k, 1], l.motion[k, 2]
+    x, y, z = cross(w0, w1, w2, l.c[k, 0], l.c[k, 1], l.c[k, 2])
+    return cross(w0, w1, w2, x, y, z)
+
+
+@inner
+def rate_coordinates(l: Any, q: Any, u: Any, out: Any) -> None:
+    """Set ``out`` to q_dot."""
+    for k in range(len(l.parent)):
+        ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
+        count = ns if l.ball[k] else ns + l.turns[k]
+        for i in range(count):
+            out[at + i] = u[first + i]
+        if l.ball[k]:
+            rate_quaternion(q, u, out, at + ns, first + ns, 0.5)
+
+
+@inner
+def rate_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> None:
+    """Set what begins at j of ``out`` to factor u q, u what begins at i."""
+    a, b, c = u[i], u[i + 1], u[i + 2]
+    s, x, y, z = q[j], q[j + 1], q[j + 2], q[j + 3]
+    d, e, f = cross(a, b, c, x, y, z)
+    out[j] = -factor * (a * x + b * y + c * z)
+    out[j + 1], out[j + 2], out[j + 3] = factor * (s * a + d), factor * (s * b + e), factor * (s * c + f)
+
+
+@inner
+def normalise(l: Any, q: Any) -> None:
+    """Give quaternions the length 1."""
+    for k in range(len(l.parent)):
+        if l.ball[k]:
+            j = l.q_at[k] + l.slides[k]
+            scale = 1.0 / math.sqrt(q[j] * q[j] + q[j + 1] * q[j + 1] + q[j + 2] * q[j + 2] + q[j + 3] * q[j + 3])
+            for i in range(4):
+                q[j + i] *= scale
+
+
+def couple_tree(s: Any) -> None:
+    """(t, q, u) -> S of the rows that hold, without a factor."""
+    l = s.limbs
+    l.t[0] = s.t[0]
+    move_to(l, s.q, s.u)
+    run(l.factoring)
+    if len(s.closing.joint) > 0:
+        run(s.closing.evaluate)
+        couple_rows(l, s.closing)
+
+
+def finish_tree(s: Any) -> None:
+    """(t, q, u) -> q, u projected; q_dot there, u_dot and lam at what came in; least pivot, largest gap of rows out."""
+    l, c = s.limbs, s.closing
+    s.least[0] = _accelerate(s)
+    if len(c.joint) > 0:
+        release(c, s.lam)
+    copy(s.q, s.q_after)
+    copy(s.u, s.u_after)
+    if len(c.kept) > 0:
+        for k in range(len(c.kept)):
+            c.mu[k] = -c.phi[c.kept[k]]
+        solve_closing(c)
+        clear(s.change)
+        respond(c, s.change)
+        rate_coordinates(l, s.q, s.change, s.q_moved)
+        for i in range(len(s.q)):
+            s.q_after[i] += s.q_moved[i]
+    normalise(l, s.q_after)
+    if len(c.joint) > 0:
+        move_to(l, s.q_after, s.u)
+        run(c.evaluate)
+        gap = 0.0
+        for k in range(len(c.out)):
+            gap = max(gap, abs(c.phi[c.out[k]]))
+        s.gap[0] = gap
+        rate_rows(l, c, l.motion)
+        for k in range(len(c.kept)):
+            c.mu[k] = -(c.rates[c.kept[k]] + c.slip[c.kept[k]])
+        solve_closing(c)
+        respond(c, s.u_after)
+    rate_coordinates(l, s.q_after, s.u_after, s.q_dot)

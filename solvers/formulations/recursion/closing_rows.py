@@ -1,0 +1,117 @@
+"""Rows that close loops, beside the sweeps: S = J H^-1 J^T by a response to each, and its dense factor (compiled)."""
+
+from typing import Any
+
+from ..compiled.algebra import clear, times
+from ..compiled.entries import apart, inner, run
+from .sweeps import set_rate
+from .twists import cross
+
+
+@inner
+def add_row(s: Any, c: Any, a: int, x: float) -> None:
+    """Add x times row ``a`` to the loads."""
+    for e in range(2):
+        body = c.body[c.joint[a], e]
+        if body < 0:
+            continue
+        l, side = c.limb[body], x * (1.0 - 2.0 * e)
+        f0, f1, f2 = side * c.way[a, 0], side * c.way[a, 1], side * c.way[a, 2]
+        n0, n1, n2 = times(s.R[body], x * c.X[e, a, 0], x * c.X[e, a, 1], x * c.X[e, a, 2])
+        m0, m1, m2 = cross(s.c[l, 0], s.c[l, 1], s.c[l, 2], f0, f1, f2)
+        load = s.load[l]
+        load[0] += n0 + m0
+        load[1] += n1 + m1
+        load[2] += n2 + m2
+        load[3] += f0
+        load[4] += f1
+        load[5] += f2
+
+
+@apart
+def rate_rows(s: Any, c: Any, motion: Any) -> None:
+    """Set ``rates`` to those of all rows at a motion, or its change."""
+    for j in range(len(c.body)):
+        first, last = c.row[j], c.row[j + 1]
+        for a in range(first, last):
+            c.rates[a] = 0.0
+        for e in range(2):
+            body = c.body[j, e]
+            if body < 0:
+                continue
+            l, side = c.limb[body], 1.0 - 2.0 * e
+            w = s.rate[body]
+            set_rate(s, l, motion[l], w)
+            for a in range(first, last):
+                c.rates[a] += side * (c.way[a, 0] * w[0] + c.way[a, 1] * w[1] + c.way[a, 2] * w[2]) + (
+                    c.X[e, a, 0] * w[3] + c.X[e, a, 1] * w[4] + c.X[e, a, 2] * w[5]
+                )
+
+
+@apart
+def couple_rows(s: Any, c: Any) -> None:
+    """Find responses to the rows that hold, and S of these, its lower half."""
+    m = len(c.kept)
+    clear(s.effort)
+    for k in range(m):
+        clear(s.load)
+        add_row(s, c, c.kept[k], 1.0)
+        run(s.responding)
+        for i in range(len(s.found)):
+            c.Y[k, i] = s.found[i]
+        rate_rows(s, c, s.response)
+        for j in range(k, m):
+            c.S[j, k] = c.rates[c.kept[j]]
+
+
+@apart
+def factor_closing(s: Any, c: Any) -> float:
+    """Find responses, and the factor of S = L D L^T, 1/D on its diagonal; return the least pivot."""
+    m, least = len(c.kept), 1.0
+    if m > 0:
+        couple_rows(s, c)
+    for k in range(m):
+        pivot = c.S[k, k]
+        least = min(least, pivot / c.value[k])
+        inverse = 1.0 / pivot
+        c.S[k, k] = inverse
+        for i in range(m - 1, k, -1):
+            ratio = c.S[i, k] * inverse
+            for j in range(k + 1, i + 1):
+                c.S[i, j] -= ratio * c.S[j, k]
+            c.S[i, k] = ratio
+    return least
+
+
+@apart
+def solve_closing(c: Any) -> None:
+    """mu := S^-1 mu"""
+    m = len(c.kept)
+    for i in range(m):
+        x = c.mu[i]
+        for j in range(i):
+            x -= c.S[i, j] * c.mu[j]
+        c.mu[i] = x
+    for i in range(m - 1, -1, -1):
+        x = c.mu[i] * c.S[i, i]
+        for j in range(i + 1, m):
+            x -= c.S[j, i] * c.mu[j]
+        c.mu[i] = x
+
+
+@inner
+def respond(c: Any, x: Any) -> None:
+    """x += Y^T mu"""
+    for k in range(len(c.kept)):
+        for i in range(len(x)):
+            x[i] += c.mu[k] * c.Y[k, i]
+
+
+@inner
+def release(c: Any, out: Any) -> None:
+    """Set ``out`` to ``mu``, as the cut joints have their rows; 0 for rows that are left out."""
+    clear(c.rates)
+    for k in range(len(c.kept)):
+        c.rates[c.kept[k]] = c.mu[k]
+    for a in range(len(c.place)):
+        out[a] = c.rates[c.place[a]]

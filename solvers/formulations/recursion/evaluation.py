@@ -1,0 +1,158 @@
+"""A tree with its closing rows as ``joint_coordinates.marching`` and ``symplectic`` want it: rows chosen, programs."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ....harness.mechanics.system import MultibodySystem
+from ..compiled.entries import Bound
+from ..generated import Program
+from ..joint_coordinates.elimination import DEPENDENT, Order
+from ..joint_coordinates.pivots import AGAIN, ROUNDING, LostRank
+from ..joint_coordinates.stages import tolerance_blocks
+from ..joint_coordinates.tree import Tree
+from .accelerations import Accelerated, Coupled, Finished, accelerate_tree, couple_tree, finish_tree
+from .limbs import Mechanism, hold_rows, make_mechanism
+from .recording import Measured, make_record, measure_error, record_tree
+
+MOST_ROWS = 600  # that close loops: their factor is dense, and each asks for a sweep over all bodies
+DEPENDENT_RATES = "leaves out rows that depend on others, and not every row has a phi to watch: use rkmk_dop853"
+NO_INERTIA = "needs inertia for each velocity of a joint; a point mass on a ball has none: use rkmk_dop853"
+
+Steps = list[tuple[int, list[np.ndarray]]]
+
+
+def too_many_rows(rows: int) -> str:
+    """Return the refusal of a mechanism with so many."""
+    return f"eliminates the rows of closed loops densely, up to {MOST_ROWS} of them (got {rows}): use rkmk_dop853"
+
+
+class Coupling(NamedTuple):
+    """S of all closing rows where the mechanism is, and what each would have with free bodies."""
+
+    S: Float[np.ndarray, "nr nr"]
+    free: Float[np.ndarray, " nr"]
+
+
+class TreeMechanism:
+    """A mechanism by recursion over its bodies, in place of a ``JointCode``; ValueError where it cannot be."""
+
+    is_small = False
+    operations = 0  # none are made
+
+    def __init__(self, system: MultibodySystem, tree: Tree) -> None:
+        self.system, self.tree, self.mechanism = system, tree, make_mechanism(system, tree)
+        self.rows = len(self.mechanism.closing.phi)
+        if self.rows > MOST_ROWS:
+            raise ValueError(too_many_rows(self.rows))
+        self.at_start = self.couple_at(0.0, tree.start)
+        if not np.all(np.isfinite(self.mechanism.limbs.D)) or not _is_moved(self.mechanism):
+            raise ValueError(NO_INERTIA)
+        self.order = choose_rows(self.at_start)
+        if self.kept < self.rows and not system.is_holonomic:
+            raise ValueError(DEPENDENT_RATES)
+
+    @property
+    def kept(self) -> int:
+        """Return how many rows of the loops hold."""
+        return len(self.order.rows)
+
+    @property
+    def words(self) -> str:
+        """Say what evaluates the mechanism."""
+        return f"recursion over {self.system.nb} {'body' if self.system.nb == 1 else 'bodies'}"
+
+    def evaluate(self, chosen: Order | None = None) -> "TreeEvaluation":
+        """Return what evaluates it with rows in this order."""
+        return TreeEvaluation(self, chosen)
+
+    def couple_at(self, t: float, y: np.ndarray) -> Coupling:
+        """Return S of all rows, as the cut joints have them."""
+        of = self.mechanism
+        closing = hold_rows(of.closing, range(self.rows), np.ones(self.rows))
+        q, u = np.split(np.array(y), [self.tree.nq])
+        Bound(couple_tree, Coupled(of.limbs, closing, np.array([t]), q, u))()
+        cut, place, (i, j) = of.cut, of.closing.place, of.cut.body.T[:, of.closing.joint]
+        mass = [np.where(e < 0, 0.0, 1.0 / of.whole.mass[e]) for e in (i, j)]
+        turn = np.einsum("eak,eak->ea", cut.X, cut.Y) * (np.stack((i, j)) >= 0)
+        free = np.einsum("ak,ak->a", cut.way, cut.way) * sum(mass) + np.sum(turn, axis=0)
+        return Coupling(np.tril(closing.S) + np.tril(closing.S, -1).T, free[place])
+
+
+def choose_rows(at: Coupling) -> Order:
+    """Return independent rows with their pivots: next is the one whose pivot is the largest share of its size."""
+    S, size = at.S.copy(), np.diag(at.S).copy()
+    left = size > max(DEPENDENT**2 * float(np.max(size, initial=0.0)), 0.0)
+    left &= size > ROUNDING**2 * at.free
+    rows, pivots = list[int](), list[float]()
+    while np.any(left):
+        share = np.where(left, np.diag(S) / np.where(left, size, 1.0), -np.inf)
+        k = int(np.argmax(share))
+        if not share[k] > DEPENDENT:
+            break
+        rows.append(k)
+        pivots.append(float(S[k, k]))
+        left[k] = False
+        S -= np.outer(S[:, k], S[k]) / S[k, k]
+    return Order(rows, pivots, 0)
+
+
+class TreeEvaluation:
+    """Accelerations and projections as programs, rows in one order, ``chosen`` or that of the start."""
+
+    def __init__(self, made: TreeMechanism, chosen: Order | None = None) -> None:
+        self.made, self.nq, self.order = made, made.tree.nq, chosen or made.order
+        self.closing = hold_rows(made.mechanism.closing, self.order.rows, self.order.pivots)
+        self._limbs, self._loads = made.mechanism.limbs, int(made.mechanism.forces)
+
+    def accelerate(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, least: np.ndarray) -> Program:
+        """Return the program of accelerations."""
+        q, u = np.split(y, [self.nq])
+        q_dot, u_dot = np.split(y_dot, [self.nq])
+        task = Accelerated(self._limbs, self.closing, t, q, u, q_dot, u_dot, least, self._loads)
+        return Bound(accelerate_tree, task)
+
+    def finish(
+        self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
+    ) -> Program:
+        """Return the program of y projected, with accelerations and ``lam`` at what came in; pivots and gap."""
+        (q, u), (q_dot, u_dot), (q_after, u_after) = (np.split(x, [self.nq]) for x in (y, y_dot, after))
+        task = Finished(
+            self._limbs, self.closing, t, q, u, q_dot, u_dot, guard[:1], self._loads, q_after, u_after, lam, guard[1:],
+            np.zeros(len(q)), np.zeros(len(u)),
+        )  # fmt: skip
+        return Bound(finish_tree, task)
+
+    def record(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, *results: np.ndarray) -> Program:
+        """Return the program of r, R, v, v_dot of all bodies and of reactions."""
+        (q, u), (_, u_dot) = (np.split(x, [self.nq]) for x in (y, y_dot))
+        of = self.made.mechanism._replace(closing=self.closing)
+        return Bound(record_tree, make_record(self.made.system, self.made.tree, of, (t, q, u, u_dot, lam, *results)))
+
+    def measure(
+        self, given: np.ndarray, start: np.ndarray, y: np.ndarray, sums: np.ndarray, error: np.ndarray
+    ) -> Program:
+        """Return the program of the error of a step."""
+        blocks = np.array(tolerance_blocks(self.made.tree), dtype=np.int64).reshape(-1, 3).T
+        low, high, angle = (np.ascontiguousarray(x) for x in blocks)
+        return Bound(measure_error, Measured(low, high, angle, given, start, y, sums, error))
+
+    def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> Order:
+        """Return an order whose pivots are safe at y; LostRank if there is none."""
+        order, size = choose_rows(self.made.couple_at(t, y)), np.diag(self.made.at_start.S)
+        largest = float(np.max(size, initial=0.0))
+        of = [(pivot, float(size[k]) or largest) for k, pivot in zip(order.rows, order.pivots, strict=True)]
+        if len(order.rows) != self.made.kept or any(pivot < AGAIN * of_start for pivot, of_start in of):
+            raise LostRank
+        return order
+
+
+def _is_moved(of: Mechanism) -> bool:
+    """Return whether each velocity moves inertia."""
+    l: Any = of.limbs
+    for k in range(len(l.parent)):
+        n = int(l.slides[k] + l.turns[k])
+        if n and not np.all(np.diag(l.D[k, :n, :n]) > 0.0):
+            return False
+    return True

@@ -1,0 +1,287 @@
+"""Hamilton's equations of a tree by sweeps over its bodies, and rows that close its loops (compiled).
+
+The functions and coordinates are those of ``joint_coordinates.hamilton``. H u = pi by the factor of the sweeps; with a
+limb's motion V and the momentum h = (moment about P, momentum) of all that its joint carries, the slope of the energy
+along a rotation about s is
+
+    T_theta = <h, [V, s]> = s . (h_turn x omega + h_move x v)
+
+of V ahead of that joint, of a slide along w, w . (h_move x omega). Ahead of a ball, what hangs on it moves with its P
+alone and turns with nothing: of its momentum p, v_P x p is a moment there.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+from ..compiled.algebra import clear, copy, times, times_transposed
+from ..compiled.entries import apart, inner, run
+from .accelerations import normalise, rate_coordinates, rate_quaternion
+from .closing_rows import add_row, factor_closing, rate_rows, release, respond, solve_closing
+from .limbs import Closing, Limbs
+from .sweeps import gather_efforts, move_to, pass_on, set_rate, turn_about_centre
+from .twists import cross
+
+
+class Phase(NamedTuple):
+    """A tree in canonical coordinates, and arrays of its functions."""
+
+    limbs: Limbs
+    closing: Closing
+    loads: int  # program of forces, gyroscopic torques left out
+    soft: Any  # (n,) alpha of balls' lengths, 0: none
+    spin: Any  # (n,) rate of a free spin over its momentum, 0: none
+    axis: Any  # (n, 3) of it, in the base frame
+    still: Any  # (nu,) zeros
+    force: Any  # (nu,) room
+    t: Any
+    q: Any
+    p: Any
+    q_dot: Any
+    p_dot: Any
+    u: Any
+    lam: Any  # (rows,) in
+    out: Any  # rows, or the push
+
+
+def find_slopes(s: Any) -> None:
+    """stage(t, q, p) -> q_dot, p_dot"""
+    l = s.limbs
+    l.t[0] = s.t[0]
+    move_to(l, s.q, s.still)
+    run(l.factoring)
+    lower_momenta(l, s.q, s.p, l.effort)
+    clear(l.load)
+    run(l.responding)
+    for k in range(len(l.parent)):
+        for i in range(6):
+            l.motion[k, i] = l.response[k, i]
+        set_rate(l, k, l.motion[k], l.v[l.body[k]])
+    find_momenta(l)
+    run(s.loads)
+    for k in range(len(l.parent)):
+        body, load = l.body[k], l.load[k]
+        x, y, z = times(l.R[body], l.force[body, 3], l.force[body, 4], l.force[body, 5])
+        f0, f1, f2 = l.force[body, 0], l.force[body, 1], l.force[body, 2]
+        a, b, c = cross(l.c[k, 0], l.c[k, 1], l.c[k, 2], f0, f1, f2)
+        load[0], load[1], load[2], load[3], load[4], load[5] = a + x, b + y, c + z, f0, f1, f2
+    _gather_slopes(l, s.force)
+    rate_coordinates(l, s.q, l.found, s.q_dot)
+    lift_momenta(l, s.q, s.force, s.p_dot)
+    for k in range(len(l.parent)):
+        if l.ball[k]:
+            j, i = l.q_at[k] + l.slides[k], l.u_at[k] + l.slides[k]
+            add_quaternion(s.p, l.found, s.p_dot, j, i, 0.5)
+            along = s.soft[k] * _along(s.q, s.p, j)
+            for a in range(4):
+                s.q_dot[j + a] += along * s.q[j + a]
+                s.p_dot[j + a] -= along * s.p[j + a]
+
+
+@apart
+def find_momenta(l: Any) -> None:
+    """Set ``momentum`` of each body about its P."""
+    for k in range(len(l.parent)):
+        V, m, out = l.motion[k], l.mass[k], l.momentum[k]
+        x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
+        a, b, c = cross(V[0], V[1], V[2], x, y, z)
+        a, b, c = m * (V[3] + a), m * (V[4] + b), m * (V[5] + c)
+        n0, n1, n2 = turn_about_centre(l, k, V[0], V[1], V[2])
+        x, y, z = cross(x, y, z, a, b, c)
+        out[0], out[1], out[2], out[3], out[4], out[5] = n0 + x, n1 + y, n2 + z, a, b, c
+
+
+@inner
+def _gather_slopes(l: Any, out: Any) -> None:
+    """Set ``out`` (nu,) to slopes of the energy with loads' power, from bodies' own momenta and loads on."""
+    n = len(l.parent)
+    for k in range(n - 1, -1, -1):
+        p, ns, first, V, h, F = l.parent[k], l.slides[k], l.u_at[k], l.motion[k], l.momentum[k], l.load[k]
+        a, b, c = cross(h[3], h[4], h[5], V[3], V[4], V[5])
+        w0, w1, w2 = V[0], V[1], V[2]
+        for i in range(ns + l.turns[k] - 1, ns - 1, -1):
+            s = l.axes[k, i]
+            if not l.ball[k]:
+                rate = l.found[first + i]
+                w0, w1, w2 = w0 - rate * s[0], w1 - rate * s[1], w2 - rate * s[2]
+            x, y, z = cross(h[0], h[1], h[2], w0, w1, w2)
+            out[first + i] = s[0] * (F[0] + a + x) + s[1] * (F[1] + b + y) + s[2] * (F[2] + c + z)
+        x, y, z = cross(h[3], h[4], h[5], l.motion[p, 0], l.motion[p, 1], l.motion[p, 2])
+        for i in range(ns):
+            s = l.axes[k, i]
+            out[first + i] = s[3] * (F[3] + x) + s[4] * (F[4] + y) + s[5] * (F[5] + z)
+        if p < n:
+            pass_on(l, k, h, l.momentum[p])
+            pass_on(l, k, F, l.load[p])
+            if l.ball[k]:
+                for i in range(3):
+                    l.load[p, i] -= a * (i == 0) + b * (i == 1) + c * (i == 2)
+
+
+@inner
+def lower_momenta(l: Any, q: Any, p: Any, out: Any) -> None:
+    """Set ``out`` to momenta conjugate to velocities, of balls in the base frame."""
+    for k in range(len(l.parent)):
+        ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
+        for i in range(ns if l.ball[k] else ns + l.turns[k]):
+            out[first + i] = p[at + i]
+        if l.ball[k]:
+            j, i = at + ns, first + ns
+            a, b, c = cross(q[j + 1], q[j + 2], q[j + 3], p[j + 1], p[j + 2], p[j + 3])
+            out[i] = 0.5 * (q[j] * p[j + 1] - p[j] * q[j + 1] + a)
+            out[i + 1] = 0.5 * (q[j] * p[j + 2] - p[j] * q[j + 2] + b)
+            out[i + 2] = 0.5 * (q[j] * p[j + 3] - p[j] * q[j + 3] + c)
+
+
+@inner
+def lift_momenta(l: Any, q: Any, pi: Any, out: Any) -> None:
+    """Set ``out`` to p of ``pi``, of balls normal to the quaternion."""
+    for k in range(len(l.parent)):
+        ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
+        for i in range(ns if l.ball[k] else ns + l.turns[k]):
+            out[at + i] = pi[first + i]
+        if l.ball[k]:
+            j = at + ns
+            rate_quaternion(q, pi, out, j, first + ns, 2.0 / _along(q, q, j))
+
+
+@inner
+def add_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> None:
+    """Add factor u q to what begins at j of ``out``."""
+    a, b, c, d = out[j], out[j + 1], out[j + 2], out[j + 3]
+    rate_quaternion(q, u, out, j, i, factor)
+    out[j], out[j + 1], out[j + 2], out[j + 3] = out[j] + a, out[j + 1] + b, out[j + 2] + c, out[j + 3] + d
+
+
+def enter_phase(s: Any) -> None:
+    """enter(q, u) -> p"""
+    l = s.limbs
+    move_to(l, s.q, s.u)
+    find_momenta(l)
+    gather_efforts(l, l.momentum, l.found)
+    lift_momenta(l, s.q, l.found, s.p)
+
+
+def find_gaps(s: Any) -> None:
+    """gaps(t, q) -> phi"""
+    l, c = s.limbs, s.closing
+    if len(c.joint) > 0:
+        l.t[0] = s.t[0]
+        move_to(l, s.q, s.still)
+        run(c.evaluate)
+        for a in range(len(c.joint)):
+            s.out[a] = c.phi[c.place[a]]
+    at = len(c.joint)
+    for k in range(len(l.parent)):
+        if s.soft[k] > 0.0:
+            j = l.q_at[k] + l.slides[k]
+            s.out[at] = 0.5 * (_along(s.q, s.q, j) - 1.0)
+            at += 1
+
+
+def find_push(s: Any) -> None:
+    """push(t, q, lam) -> G^T lam"""
+    l, c = s.limbs, s.closing
+    clear(l.found)
+    if len(c.joint) > 0:
+        l.t[0] = s.t[0]
+        move_to(l, s.q, s.still)
+        run(c.evaluate)
+        clear(l.load)
+        for a in range(len(c.joint)):
+            add_row(l, c, c.place[a], s.lam[a])
+        gather_efforts(l, l.load, l.found)
+    lift_momenta(l, s.q, l.found, s.out)
+    at = len(c.joint)
+    for k in range(len(l.parent)):
+        if s.soft[k] > 0.0:
+            j = l.q_at[k] + l.slides[k]
+            for i in range(4):
+                s.out[j + i] += s.lam[at] * s.q[j + i]
+            at += 1
+
+
+def factor_phase(s: Any) -> None:
+    """Find the factor of the rows at (t, q)."""
+    _factor(s)
+
+
+@inner
+def _factor(s: Any) -> None:
+    l, c = s.limbs, s.closing
+    l.t[0] = s.t[0]
+    move_to(l, s.q, s.still)
+    run(l.factoring)
+    if len(c.joint) > 0:
+        run(c.evaluate)
+        factor_closing(l, c)
+
+
+def close_phase(s: Any) -> None:
+    """close(t, q, p) -> q with unit quaternions and u on phi_dot = 0, free spins added; what lam takes p there."""
+    l, c = s.limbs, s.closing
+    _factor(s)
+    lower_momenta(l, s.q, s.p, l.effort)
+    clear(l.load)
+    run(l.responding)
+    copy(l.found, s.u)
+    if len(c.joint) > 0:
+        rate_rows(l, c, l.response)
+        for k in range(len(c.kept)):
+            a = c.kept[k]
+            c.mu[k] = -(c.rates[a] + c.slip[a])
+        solve_closing(c)
+        respond(c, s.u)
+        for k in range(len(c.kept)):
+            c.mu[k] = -c.mu[k]
+        release(c, s.out)
+    copy(s.q, s.q_dot)
+    normalise(l, s.q_dot)
+    at = len(c.joint)
+    for k in range(len(l.parent)):
+        j, i = l.q_at[k] + l.slides[k], l.u_at[k] + l.slides[k]
+        if s.soft[k] > 0.0:
+            s.out[at] = _along(s.q, s.p, j) / _along(s.q, s.q, j)
+            at += 1
+        if s.spin[k] > 0.0:
+            _add_spin(l, k, s.spin[k], s.t[0], s.axis[k], s.q_dot, j, s.u, i)
+
+
+@inner
+def _add_spin(l: Any, k: int, share: float, t: float, axis: Any, q: Any, j: int, u: Any, i: int) -> None:
+    """Turn body k about an axis by ``share`` of its moment of momentum, from time 0 on."""
+    x, y, z = axis[0], axis[1], axis[2]
+    a, b, c = times_transposed(l.base, x, y, z)
+    a, b, c = times(l.turned[k], a, b, c)
+    a, b, c = times(l.base, a, b, c)
+    rate = share * (a * l.effort[i] + b * l.effort[i + 1] + c * l.effort[i + 2])
+    u[i], u[i + 1], u[i + 2] = u[i] + rate * a, u[i + 1] + rate * b, u[i + 2] + rate * c
+    half = 0.5 * rate * t
+    f, n = math.cos(half), math.sin(half)
+    x, y, z = n * x, n * y, n * z
+    s, a, b, c = q[j], q[j + 1], q[j + 2], q[j + 3]
+    d0, d1, d2 = cross(a, b, c, x, y, z)
+    q[j] = f * s - (a * x + b * y + c * z)
+    q[j + 1], q[j + 2], q[j + 3] = f * a + s * x + d0, f * b + s * y + d1, f * c + s * z + d2
+
+
+def solve_phase(s: Any) -> None:
+    """(phi) -> S^-1 phi of rows that hold, alpha^-1 phi of lengths"""
+    l, c = s.limbs, s.closing
+    if len(c.joint) > 0:
+        for a in range(len(c.joint)):
+            c.rates[c.place[a]] = s.lam[a]
+        for k in range(len(c.kept)):
+            c.mu[k] = c.rates[c.kept[k]]
+        solve_closing(c)
+        release(c, s.out)
+    at = len(c.joint)
+    for k in range(len(l.parent)):
+        if s.soft[k] > 0.0:
+            s.out[at] = s.lam[at] / s.soft[k]
+            at += 1
+
+
+@inner
+def _along(q: Any, p: Any, j: int) -> float:
+    """Return the product of the four numbers that begin at j."""
+    return q[j] * p[j] + q[j + 1] * p[j + 1] + q[j + 2] * p[j + 2] + q[j + 3] * p[j + 3]

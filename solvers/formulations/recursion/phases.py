@@ -1,0 +1,85 @@
+"""Functions of a tree in canonical coordinates as programs, in the place of a ``HamiltonCode``."""
+
+from typing import Any
+
+import numpy as np
+
+from ..compiled.entries import Bound
+from ..generated import Program
+from ..joint_coordinates.spins import find_spins
+from .evaluation import TreeEvaluation, TreeMechanism
+from .hamilton import Phase, close_phase, enter_phase, factor_phase, find_gaps, find_push, find_slopes, solve_phase
+from .limbs import bind_sweeps, hold_rows
+
+NONE = np.zeros(0)
+FUNCTIONS: dict[str, tuple[Any, tuple[str, ...]]] = {  # and what their arrays are
+    "stage": (find_slopes, ("t", "q", "p", "q_dot", "p_dot")), "gaps": (find_gaps, ("t", "q", "out")),
+    "push": (find_push, ("t", "q", "lam", "out")), "enter": (enter_phase, ("q", "u", "p")),
+}  # fmt: skip
+
+
+class TreePhase:
+    """Hamilton's equations of a mechanism by recursion over its bodies."""
+
+    operations = 0  # none are made
+
+    def __init__(self, made: TreeMechanism, *, radial: bool) -> None:
+        """``radial``: with rows |x|^2 = 1 of balls, and free spins apart."""
+        of, tree, limbs = made.mechanism, made.tree, made.mechanism.limbs
+        n = len(tree.limbs)
+        inertia, soft, spin, axis = limbs.inertia.copy(), np.zeros(n), np.zeros(n), np.zeros((n, 3))
+        place = {limb.body: k for k, limb in enumerate(tree.limbs)}
+        spins = find_spins(made.system, tree) if radial else []
+        for one in spins:
+            k = place[one.limb.body]
+            e = tree.frames[one.limb.body].T @ one.axis
+            inertia[k] += one.added * np.outer(e, e)
+            spin[k], axis[k] = 1.0 / one.inertia - 1.0 / (one.inertia + one.added), one.axis
+        balls = [k for k, limb in enumerate(tree.limbs) if limb.ball and radial]
+        for k in balls:
+            about_P = np.trace(inertia[k]) + 2.0 * limbs.mass[k] * float(np.sum(limbs.centre[k] ** 2))
+            soft[k] = 0.75 / about_P  # a quaternion of the mean inertia about all axes has 4 I along x
+        self.made, self.rows, self.spins = made, made.rows + len(balls), len(spins)
+        turning = bind_sweeps(limbs._replace(inertia=inertia))
+        self.phase = Phase(
+            turning, of.closing, int(of.applied), soft, spin, axis, np.zeros(tree.nu),
+            np.zeros(tree.nu), *(NONE for _ in range(8)),
+        )  # fmt: skip
+
+    @property
+    def words(self) -> str:
+        """Say what evaluates a stage."""
+        return self.made.words
+
+    def bind(self, name: str, *arrays: np.ndarray) -> Program:
+        """Return the program of a function, or of ``enter``, which has y in one."""
+        function, names = FUNCTIONS[name]
+        phase = self.phase
+        if name == "enter":
+            arrays = *np.split(arrays[0], [self.made.tree.nq]), *arrays[1:]
+            phase = phase._replace(limbs=self.made.mechanism.limbs)  # no inertia of spins
+        given: dict[str, Any] = dict(zip(names, arrays, strict=True))
+        return Bound(function, phase._replace(**given))
+
+
+class TreeClosing:
+    """Rows at the end of a step, by which velocities are closed there, and then lam of the next step are corrected."""
+
+    def __init__(self, evaluation: TreeEvaluation, own: TreePhase) -> None:
+        order, made = evaluation.order, own.made
+        self._nq, closing = made.tree.nq, hold_rows(made.mechanism.closing, evaluation.order.rows, order.pivots)
+        self._phase = own.phase._replace(closing=closing)
+        self.kept = np.array([*sorted(order.rows), *range(made.rows, own.rows)], dtype=np.int64)
+
+    def factor(self, t: np.ndarray, z: np.ndarray) -> Program:
+        """Return the program of the factor."""
+        return Bound(factor_phase, self._phase._replace(t=t, q=z[0], p=z[1]))
+
+    def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:
+        """Return the program of y and lam."""
+        q, u = np.split(y, [self._nq])
+        return Bound(close_phase, self._phase._replace(t=t, q=z[0], p=z[1], q_dot=q, u=u, out=rows))
+
+    def solve(self, rows: np.ndarray, solved: np.ndarray) -> Program:
+        """Return the program of S^-1 rows."""
+        return Bound(solve_phase, self._phase._replace(lam=rows, out=solved))

@@ -1,0 +1,269 @@
+"""Sweeps over the bodies of a tree: where they are, the factor of H, accelerations by it (compiled).
+
+Featherstone (2008), ch. 7: from the leaves on, each body has the inertia I of all that hangs on it, joints free:
+
+    D = S^T I S,   I_parent += X^T (I - I S D^-1 S^T I) X,   x = D^-1 (effort - S^T p) - D^-1 S^T I X a_parent
+
+with S the motions by a limb's velocities, X a motion of the parent as the limb takes part in it: behind a ball, by its
+P alone. Cost is linear in bodies.
+"""
+
+from typing import Any
+
+from ..compiled.algebra import copy, times, times_transposed, turned_by
+from ..compiled.entries import apart, inner, run
+from .twists import copy_rotation, cross, dot, put, turn_by_quaternion
+
+
+@inner
+def move_to(s: Any, q: Any, u: Any) -> None:
+    """Place bodies at coordinates and velocities, by the one ``place_bodies`` there is in the process."""
+    copy(q, s.q)
+    copy(u, s.u)
+    run(s.placing)
+
+
+def place_bodies(s: Any) -> None:
+    """Bodies at coordinates ``q`` and velocities ``u``, and accelerations where those of the joints are 0."""
+    n, q, u = len(s.parent), s.q, s.u
+    for l in range(n):
+        p, ns, at, first = s.parent[l], s.slides[l], s.q_at[l], s.u_at[l]
+        own, before, axes, way = s.turned[l], s.turned[p], s.axes[l], s.way[l]
+        x, y, z = times(before, s.arm[l, 0], s.arm[l, 1], s.arm[l, 2])
+        a = b = c = 0.0
+        for k in range(ns):
+            d0, d1, d2 = times(before, way[k, 0], way[k, 1], way[k, 2])
+            put(axes[k], 0.0, 0.0, 0.0, d0, d1, d2)
+            x, y, z = x + q[at + k] * d0, y + q[at + k] * d1, z + q[at + k] * d2
+            a, b, c = a + u[first + k] * d0, b + u[first + k] * d1, c + u[first + k] * d2
+        w0, w1, w2 = s.motion[p, 0], s.motion[p, 1], s.motion[p, 2]
+        t0, t1, t2 = cross(w0, w1, w2, x, y, z)
+        v0, v1, v2 = s.motion[p, 3] + t0 + a, s.motion[p, 4] + t1 + b, s.motion[p, 5] + t2 + c
+        e0, e1, e2 = cross(s.bias[p, 0], s.bias[p, 1], s.bias[p, 2], x, y, z)
+        f0, f1, f2 = cross(w0, w1, w2, t0 + 2.0 * a, t1 + 2.0 * b, t2 + 2.0 * c)
+        e0, e1, e2 = s.bias[p, 3] + e0 + f0, s.bias[p, 4] + e1 + f1, s.bias[p, 5] + e2 + f2
+        s.L[l, 0], s.L[l, 1], s.L[l, 2] = x, y, z
+        s.P[l, 0], s.P[l, 1], s.P[l, 2] = s.P[p, 0] + x, s.P[p, 1] + y, s.P[p, 2] + z
+        if s.ball[l]:
+            j = at + ns
+            x, y, z = times_transposed(s.base, q[j + 1], q[j + 2], q[j + 3])
+            turn_by_quaternion(q[j], x, y, z, own)
+            w0, w1, w2 = times_transposed(s.base, u[first + ns], u[first + ns + 1], u[first + ns + 2])
+            a = b = c = 0.0
+            for k in range(3):
+                put(axes[ns + k], way[ns + k, 0], way[ns + k, 1], way[ns + k, 2], 0.0, 0.0, 0.0)
+        else:
+            a, b, c = s.bias[p, 0], s.bias[p, 1], s.bias[p, 2]
+            copy_rotation(before, own)
+            for k in range(ns, ns + s.turns[l]):
+                x, y, z = way[k, 0], way[k, 1], way[k, 2]
+                d0, d1, d2 = times(own, x, y, z)
+                put(axes[k], d0, d1, d2, 0.0, 0.0, 0.0)
+                rate, angle = u[first + k], q[at + k]
+                f0, f1, f2 = cross(w0, w1, w2, d0, d1, d2)
+                a, b, c = a + rate * f0, b + rate * f1, c + rate * f2
+                w0, w1, w2 = w0 + rate * d0, w1 + rate * d1, w2 + rate * d2
+                turned_by(own, angle * x, angle * y, angle * z, own)
+        put(s.motion[l], w0, w1, w2, v0, v1, v2)
+        put(s.bias[l], a, b, c, e0, e1, e2)
+        x, y, z = times(own, s.centre[l, 0], s.centre[l, 1], s.centre[l, 2])
+        s.c[l, 0], s.c[l, 1], s.c[l, 2] = x, y, z
+        body = s.body[l]
+        R = s.R[body]
+        for i in range(3):
+            s.r[body, i] = s.P[l, i] + s.c[l, i]
+            for k in range(3):
+                R[i, k] = own[i, 0] * s.frame[l, 0, k] + own[i, 1] * s.frame[l, 1, k] + own[i, 2] * s.frame[l, 2, k]
+        set_rate(s, l, s.motion[l], s.v[body])
+
+
+@inner
+def set_rate(s: Any, l: int, motion: Any, out: Any) -> None:
+    """Set what kernels have of a motion: that of C in space, the turn in the body."""
+    w0, w1, w2 = motion[0], motion[1], motion[2]
+    x, y, z = cross(w0, w1, w2, s.c[l, 0], s.c[l, 1], s.c[l, 2])
+    a, b, c = times_transposed(s.R[s.body[l]], w0, w1, w2)
+    put(out, motion[3] + x, motion[4] + y, motion[5] + z, a, b, c)
+
+
+@inner
+def turn_about_centre(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
+    """Return R J R^T w of a body, J about C."""
+    R, J = s.R[s.body[l]], s.inertia[l]
+    a, b, c = times_transposed(R, w0, w1, w2)
+    a, b, c = times(J, a, b, c)
+    return times(R, a, b, c)
+
+
+def factor_inertia(s: Any) -> None:
+    """Find ``D`` and ``gain`` of all limbs."""
+    n = len(s.parent)
+    for l in range(n):
+        A, m, x, y, z = s.carried[l], s.mass[l], s.c[l, 0], s.c[l, 1], s.c[l, 2]
+        square = x * x + y * y + z * z
+        for j in range(3):
+            e0, e1, e2 = 1.0 * (j == 0), 1.0 * (j == 1), 1.0 * (j == 2)
+            a, b, c = turn_about_centre(s, l, e0, e1, e2)
+            along = s.c[l, j]
+            A[0, j], A[1, j], A[2, j] = (
+                a + m * (square * e0 - x * along), b + m * (square * e1 - y * along), c + m * (square * e2 - z * along)
+            )  # fmt: skip
+            a, b, c = cross(x, y, z, e0, e1, e2)
+            A[0, 3 + j], A[1, 3 + j], A[2, 3 + j] = m * a, m * b, m * c
+            A[3 + j, 0], A[3 + j, 1], A[3 + j, 2] = m * a, m * b, m * c
+            A[3, 3 + j], A[4, 3 + j], A[5, 3 + j] = m * e0, m * e1, m * e2
+    for l in range(n - 1, -1, -1):
+        count = s.slides[l] + s.turns[l]
+        _free_joint(s.carried[l], s.axes[l], s.pull, s.gain[l], s.D[l], count)
+        p = s.parent[l]
+        if p < n:
+            _add_inertia(s.carried[l], s.L[l, 0], s.L[l, 1], s.L[l, 2], s.ball[l], s.carried[p])
+
+
+@inner
+def _free_joint(A: Any, axes: Any, pull: Any, gain: Any, D: Any, count: int) -> None:
+    """pull = S^T A, D = (S^T A S)^-1, gain = D pull, A := A - pull^T gain."""
+    for k in range(count):
+        for i in range(6):
+            pull[k, i] = dot(A[i], axes[k])
+        for j in range(k + 1):
+            D[k, j] = D[j, k] = dot(pull[k], axes[j])
+    for k in range(count):  # inverted in place (Gauss and Jordan)
+        pivot = 1.0 / D[k, k]
+        D[k, k] = 1.0
+        for j in range(count):
+            D[k, j] *= pivot
+        for i in range(count):
+            if i != k:
+                x = D[i, k]
+                D[i, k] = 0.0
+                for j in range(count):
+                    D[i, j] -= x * D[k, j]
+    for k in range(count):
+        for i in range(6):
+            total = 0.0
+            for j in range(count):
+                total += D[k, j] * pull[j, i]
+            gain[k, i] = total
+    for k in range(count):
+        for i in range(6):
+            for j in range(i + 1):
+                A[i, j] -= pull[k, i] * gain[k, j]
+    for i in range(6):
+        for j in range(i):
+            A[j, i] = A[i, j]
+
+
+@inner
+def _add_inertia(A: Any, x: float, y: float, z: float, ball: int, out: Any) -> None:
+    """Add X^T A X: A at a point L = (x, y, z) from the parent's; behind a ball its masses alone."""
+    for j in range(3):
+        # rows of M = A_turn_move + hat(L) A_move, then A_turn + L x rows of A_turn_move + hat(L) M^T
+        a, b, c = cross(x, y, z, A[3, 3 + j], A[4, 3 + j], A[5, 3 + j])
+        if not ball:
+            a, b, c = a + A[0, 3 + j], b + A[1, 3 + j], c + A[2, 3 + j]
+        out[0, 3 + j] += a
+        out[1, 3 + j] += b
+        out[2, 3 + j] += c
+        out[3 + j, 0] += a
+        out[3 + j, 1] += b
+        out[3 + j, 2] += c
+        for i in range(3):
+            out[3 + i, 3 + j] += A[3 + i, 3 + j]
+    for j in range(3):
+        b0, b1, b2 = (0.0, 0.0, 0.0) if ball else (A[j, 3], A[j, 4], A[j, 5])
+        m0, m1, m2 = cross(x, y, z, A[3, 3], A[3, 4], A[3, 5])
+        n0, n1, n2 = cross(x, y, z, A[4, 3], A[4, 4], A[4, 5])
+        k0, k1, k2 = cross(x, y, z, A[5, 3], A[5, 4], A[5, 5])
+        # row j of M: of each column of A_move, component j of L x column
+        if j == 0:
+            r0, r1, r2 = b0 + m0, b1 + n0, b2 + k0
+        elif j == 1:
+            r0, r1, r2 = b0 + m1, b1 + n1, b2 + k1
+        else:
+            r0, r1, r2 = b0 + m2, b1 + n2, b2 + k2
+        a, b, c = cross(x, y, z, r0, r1, r2)
+        out[0, j] += a
+        out[1, j] += b
+        out[2, j] += c
+        if not ball:
+            a, b, c = cross(x, y, z, b0, b1, b2)
+            out[j, 0] += A[j, 0] + a
+            out[j, 1] += A[j, 1] + b
+            out[j, 2] += A[j, 2] + c
+
+
+def find_response(s: Any) -> None:
+    """Find accelerations ``found`` by loads and efforts, and the bodies' ``response``: linear in both."""
+    n = len(s.parent)
+    for l in range(n):
+        for i in range(6):
+            s.back[l, i] = -s.load[l, i]
+    for l in range(n - 1, -1, -1):
+        own, p, first = s.back[l], s.parent[l], s.u_at[l]
+        for k in range(s.slides[l] + s.turns[l]):
+            s.left[first + k] = s.effort[first + k] - dot(s.axes[l, k], own)
+        for k in range(s.slides[l] + s.turns[l]):
+            x = s.left[first + k]
+            for i in range(6):
+                own[i] += x * s.gain[l, k, i]
+        if p < n:
+            pass_on(s, l, own, s.back[p])
+    for l in range(n):
+        p, first, count, own = s.parent[l], s.u_at[l], s.slides[l] + s.turns[l], s.response[l]
+        _take_part(s, l, s.response[p], own)
+        for k in range(count):
+            x = -dot(s.gain[l, k], own)
+            for j in range(count):
+                x += s.D[l, k, j] * s.left[first + j]
+            s.found[first + k] = x
+        _add_axes(s, l, s.found, own)
+
+
+@apart
+def find_motion(s: Any, u: Any) -> None:
+    """Set ``response`` to the bodies' motion at velocities, or accelerations, of the joints."""
+    for l in range(len(s.parent)):
+        own = s.response[l]
+        _take_part(s, l, s.response[s.parent[l]], own)
+        _add_axes(s, l, u, own)
+
+
+@inner
+def _take_part(s: Any, l: int, before: Any, out: Any) -> None:
+    """X a_parent."""
+    x, y, z = cross(before[0], before[1], before[2], s.L[l, 0], s.L[l, 1], s.L[l, 2])
+    share = 0.0 if s.ball[l] else 1.0
+    put(
+        out, share * before[0], share * before[1], share * before[2], before[3] + x, before[4] + y, before[5] + z
+    )  # fmt: skip
+
+
+@inner
+def _add_axes(s: Any, l: int, u: Any, out: Any) -> None:
+    for k in range(s.slides[l] + s.turns[l]):
+        x = u[s.u_at[l] + k]
+        for i in range(6):
+            out[i] += x * s.axes[l, k, i]
+
+
+@apart
+def gather_efforts(s: Any, loads: Any, out: Any) -> None:
+    """Set ``out`` (nu,) to the loads' power by each velocity; loads become those that joints carry."""
+    n = len(s.parent)
+    for l in range(n - 1, -1, -1):
+        for k in range(s.slides[l] + s.turns[l]):
+            out[s.u_at[l] + k] = dot(s.axes[l, k], loads[l])
+        if s.parent[l] < n:
+            pass_on(s, l, loads[l], loads[s.parent[l]])
+
+
+@inner
+def pass_on(s: Any, l: int, load: Any, out: Any) -> None:
+    """Add X^T load."""
+    x, y, z = cross(s.L[l, 0], s.L[l, 1], s.L[l, 2], load[3], load[4], load[5])
+    share = 0.0 if s.ball[l] else 1.0
+    put(
+        out, out[0] + share * load[0] + x, out[1] + share * load[1] + y, out[2] + share * load[2] + z,
+        out[3] + load[3], out[4] + load[4], out[5] + load[5],
+    )  # fmt: skip
