@@ -89,7 +89,7 @@ class CompiledMechanism(Mechanism):
 
     mj: Any
     model: Any
-    omitted: dict[Omitted, int]
+    omitted: Mapping[str, int]
     roots: tuple[int, ...] = field(init=False)  # the first of MuJoCo's bodies of each of ours
 
     @cached_property
@@ -228,7 +228,10 @@ class CompiledMechanism(Mechanism):
                 corners = (points[2], points[2] + e, points[2] + np.cross(axes[2], e))
                 return [make_joint(JointKind.ON_PLANE, p, None, axes[2]) for p in corners]
         kinds = ", ".join({"F": "free", "B": "ball", "S": "slide", "H": "hinge"}[c] for c in letters)
-        raise ValueError(f"body {m.body(root).name!r}: its joints ({kinds}) make none that is known here")
+        raise ValueError(
+            f"body {m.body(root).name!r}: its joints ({kinds}) make no kind of joint here; give each "
+            "a body of its own, with mass and inertia, one within the other"
+        )
 
     def _loops(self, at: "_Places") -> list[Joint]:
         m, eq = self.model, self.mj.mjtEq
@@ -237,7 +240,10 @@ class CompiledMechanism(Mechanism):
             kind, ends, data = eq(m.eq_type[k]), (m.eq_obj1id[k], m.eq_obj2id[k]), m.eq_data[k]
             if kind not in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
                 what = kind.name.removeprefix("mjEQ_").lower()
-                raise ValueError(f"equality {m.equality(k).name or k}: of connect and weld only (got {what})")
+                raise ValueError(
+                    f"equality {m.equality(k).name or k + 1}: couplings of type {what} are not taken over (connect and "
+                    "weld are); remove it, or make one of its joints part of its parent"
+                )
             if m.eq_objtype[k] == int(self.mj.mjtObj.mjOBJ_SITE):
                 bodies, points = [m.site_bodyid[e] for e in ends], [m.site_pos[e] for e in ends]
                 turns = [_matrix(self.mj, m.site_quat[e]) for e in ends]
