@@ -47,9 +47,11 @@ def check(prim: Any, omitted: Counter[str]) -> str:
         name, space = str(found.GetName()), str(found.GetName()).split(":", maxsplit=1)[0]
         if space in ("physics", "drive", "limit"):
             if name not in READ and not OF_AXES.match(name):
-                return f"property {name} is not taken over"
+                if _acts(_value(prim, name)):
+                    return f"property {name} is not taken over"
+                omitted[f"properties {name} of 0"] += 1
             continue
-        value = prim.GetAttribute(name).Get() if FOREIGN.match(space) and prim.GetAttribute(name) else None
+        value = _value(prim, name) if FOREIGN.match(space) else None
         if not _acts(value):
             continue
         if LOCKS.match(name):
@@ -57,6 +59,11 @@ def check(prim: Any, omitted: Counter[str]) -> str:
         if not SETTINGS.match(name):
             omitted[NAMED.get(name.rsplit(":", maxsplit=1)[-1], f"attributes {name}")] += 1
     return ""
+
+
+def _value(prim: Any, name: str) -> Any:
+    attribute = prim.GetAttribute(name)
+    return attribute.Get() if attribute else None
 
 
 def _acts(value: Any) -> bool:

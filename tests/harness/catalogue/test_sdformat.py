@@ -209,7 +209,8 @@ def test_a_model_at_rest_in_free_fall_has_gravity_of_the_format(tmp_path):
 
 BAR = """<sdf version="VERSION"><model name="m"><link name="bar"><pose>0 0 0 0 0 1.5707963267948966</pose>
 <inertial><pose>.4 0 0 0 0 0</pose><mass>1</mass>
-<inertia><ixx>.02</ixx><iyy>.25</iyy><izz>.25</izz></inertia></inertial></link><joint name="pin" type="revolute"><parent>world</parent><child>bar</child><axis><xyz>1 0 0</xyz></axis></joint>
+<inertia><ixx>.02</ixx><iyy>.25</iyy><izz>.25</izz></inertia></inertial></link>
+<joint name="pin" type="revolute"><parent>world</parent><child>bar</child><axis><xyz>1 0 0</xyz></axis></joint>
 </model></sdf>"""
 
 

@@ -163,6 +163,14 @@ def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
     ('axis = "Y"', 'axis = "W"', "/World/A: physics:axis must be X, Y or Z (got W)"),
     ("translate = (0.0, 0, 0.5)", "translate = (inf, 0, 0.5)", "/World/crank: its transform and points must be finite"),
     ("angularVelocity = (0, 90", "angularVelocity = (0, inf", "/World/crank: velocities must be finite (got "),
+    ("float physics:mass = 2.0",
+     "float physics:mas = 1\nfloat physics:mass = 2.0", "property physics:mas is not taken"),
+    ("float physics:mass = 2.0",
+     "int physxRigidBody:lockedRotAxis = 1\nfloat physics:mass = 2.0", "locks axes of a body"),
+    ('physics:axis = "Y"',
+     'physics:axis = "Y"\nfloat physics:lowerLimit = 9\nfloat physics:upperLimit = 9', "at 0 (got 9)"),
+    ("def PhysicsScene", 'def PhysicsScene "other" {\nfloat physics:gravityMagnitude = 1\n}\ndef PhysicsScene',
+     "/scene: /other has another gravity"),
     ("#usda 1.0", "#usda one", "refused.usda:1:1: Unable to parse layer version"),
     ("upAxis", "subLayers = [@./none.usda@]\n upAxis", "Could not load sublayer"),
 ])  # fmt: skip
@@ -174,6 +182,30 @@ def test_a_refused_prim_is_named(tmp_path, before, after, words):
     with pytest.raises(ValueError, match=r"refused") as error:
         make_problem(str(path))
     assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_limits_that_lock_a_joint_fix_it(tmp_path):
+    """Of two hinges one is locked at 0: a rigid body about the other, by Steiner."""
+    text = linkage()
+    text = text[: text.index('def PhysicsRevoluteJoint "C"')] + "}"
+    text = text.replace('"Y"', '"Y"\nfloat physics:lowerLimit = 0\nfloat physics:upperLimit = 0').replace(
+        '"Y"\nfloat physics:lowerLimit = 0\nfloat physics:upperLimit = 0', '"Y"', 1
+    )
+    text = text[: text.index('    def Xform "rocker"')] + text[text.index('    def PhysicsRevoluteJoint "A"') :]
+    problem = make_problem(str(written(tmp_path, text, "locked.usda")))
+    assert [problem.system.joint_kind(k) for k in range(2)] == [JointKind.REVOLUTE, JointKind.FIXED]
+    arms = np.array([[0.0, 0.625], [1.0, 1.125]])
+    about = 2 * 0.375 + 2.0 * np.sum(arms**2)
+    rates = accelerations(problem.system, problem.initial).Omega_dot[:, 1]
+    assert np.allclose(rates, 9.81 * 2.0 * np.sum(arms[:, 0]) / about, rtol=1e-6)
+
+
+def test_what_engines_add_is_named(tmp_path):
+    """Damping of bodies, friction, cones; settings of a solver change no motion."""
+    more = "float physxRigidBody:angularDamping = 0.1\nint physxRigidBody:solverPositionIterationCount = 8\n"
+    text = linkage().replace("float physics:mass", f"{more}float mjc:gravcomp = 1\nfloat physics:mass")
+    omitted = make_problem(str(written(tmp_path, text, "engines.usda"))).source
+    assert "damping of bodies (3)" in omitted and "attributes mjc:gravcomp (3)" in omitted and "Count" not in omitted
 
 
 def test_layers_are_part_of_the_runs_identity(tmp_path):
