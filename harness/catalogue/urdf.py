@@ -18,15 +18,17 @@ VOCABULARY = Vocabulary(
     attributes={
         "robot": words("name version"), "link": words("name type"), "joint": words("name type"),
         "origin": words("xyz rpy"), "mass": words("value"), "inertia": words("ixx ixy ixz iyy iyz izz"),
-        "parent": words("link"), "child": words("link"), "axis": words("xyz"), "dynamics": words("damping friction"),
+        "parent": words("link"), "child": words("link"), "axis": words("xyz rpy"),
+        "dynamics": words("damping friction"),
         "limit": words("lower upper effort velocity acceleration deceleration jerk"),
         "mimic": words("joint multiplier offset"),
     },
     named={
         "gazebo": "extensions for Gazebo", "transmission": "transmissions", "sensor": "sensors",
         "safety_controller": "safety controllers", "contact": "settings of contacts", "ros2_control": "controllers",
+        "joint_properties": "joint_properties of old versions",
     },
-    ignored=words("material mujoco visual collision calibration self_collision_checking"),
+    ignored=words("material mujoco visual collision calibration self_collision_checking frame collision_filter_group"),
 )  # fmt: skip
 
 
@@ -42,6 +44,9 @@ class Document:
             if e.tag.startswith("xacro:"):
                 raise Refusal(e, "a macro of xacro; expand the file first: xacro FILE > robot.urdf")
         VOCABULARY.check(self._root, self.omitted)
+        for e in self._root.findall("joint/axis"):
+            if e.get("rpy", "").split() and set(e.get("rpy", "")) - set("0. +-\t\n"):
+                raise Refusal(e, f"attribute 'rpy' is not taken over (got {e.get('rpy')!r}); turn the joint's origin")
         self._links = {e.get("name", ""): e for e in self._root.findall("link")}
         self._joints = self._root.findall("joint")
         self.text = ""
