@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from . import sdformat, urdf, usd
+from .closing import close_joints
 from .links import LinkMechanism
 from .mechanism import NO_INERTIA, CompiledMechanism, Mechanism, Omitted, find_joints, is_straight_spring
 from .mujoco_flags import apply_flags
@@ -69,7 +70,8 @@ def _read_links(path: Path, reader: Any) -> LinkMechanism:
     found = reader.Document(path)
     if not found.links:
         raise ValueError("nothing in it can move: no body is free or has a joint")
-    return LinkMechanism(name_of(path), path, _digest(path), found.reader, found.links, found.joints, found.gravity,
+    joints = close_joints(found.joints)
+    return LinkMechanism(name_of(path), path, _digest(path), found.reader, found.links, joints, found.gravity,
                          found.dt, {what: n for what, n in found.omitted.items() if n})  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from ..files import FileError
 from ..types import Problem
 from .columns import Quantities
 from .conventions import Reading
-from .reading import Motion, Origin, differentiate, differentiate_rotations
+from .reading import ROUNDING, Motion, Origin, differentiate, differentiate_rotations
 from .rows import describe_rest, is_late, reach_until, say_norms
 
 SMALL = 1e-4  # of the size: a start that is off by less may be meant
@@ -45,8 +45,12 @@ def check_motion(
         "v": lambda: differentiate(motion.t, motion.r),
         "Omega": lambda: None if motion.R is None else differentiate_rotations(motion.t, motion.R),
     }
+    spacing = float(np.min(np.diff(motion.t), initial=np.inf))
+    rounding = {"v": ROUNDING * float(np.max(np.abs(motion.r))) / spacing, "Omega": ROUNDING / spacing}
     for name, differences in rates.items():
-        if motion.origin[name] is Origin.FILE and (off := _share_apart(getattr(motion, name), differences())) > APART:
+        if motion.origin[name] is not Origin.FILE:
+            continue
+        if (off := _share_apart(getattr(motion, name), differences(), rounding[name])) > APART:
             words = f"{QUANTITIES[name][0]} are off by {100.0 * off:.3g} % from the rates of the poses in the file"
             notes.append(f"{words} ({_describe_options(how, name)})")
     return notes
@@ -100,10 +104,10 @@ def _describe_options(how: Reading, name: str) -> str:
     return ", ".join(f"--{n} {getattr(how, n)}" for n in QUANTITIES[name][2])
 
 
-def _share_apart(given: np.ndarray, exact: np.ndarray | None) -> float:
-    """The largest difference of velocities over the largest of them; zero where it is not known."""
+def _share_apart(given: np.ndarray, exact: np.ndarray | None, least: float) -> float:
+    """The largest difference of velocities over the largest of them; zero where it is not known, or all rounding."""
     if exact is None or not np.all(np.isfinite(given)):
         return 0.0
     inside = slice(2, -2)
     size = float(np.max(np.abs(exact[inside])))
-    return float(np.max(np.abs(given - exact)[inside])) / size if size > 0.0 else 0.0
+    return float(np.max(np.abs(given - exact)[inside])) / size if size > least else 0.0
