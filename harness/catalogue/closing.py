@@ -29,12 +29,9 @@ def close_joints(connections: Sequence[Connection]) -> list[Connection]:
     ways = np.array([out[k].in_child.R @ out[k].axis for k in looped]).reshape(-1, 3)
     for k, way in zip(looped, _align(ways), strict=True):
         c = out[k]
-        out[k] = replace(c, **{name: _turned(frame, frame.R @ c.axis, way) for name, frame in _frames(c)})
+        child, parent = (_turned(frame, frame.R @ c.axis, way) for frame in (c.in_child, c.in_parent))
+        out[k] = replace(c, in_child=child, in_parent=parent)
     return out
-
-
-def _frames(c: Connection) -> tuple[tuple[str, Frame], tuple[str, Frame]]:
-    return ("in_child", c.in_child), ("in_parent", c.in_parent)
 
 
 def _close(c: Connection) -> Connection:
