@@ -125,7 +125,7 @@ class CompiledMechanism(Mechanism):
             start |= {name: tuple(getattr(m.key(key), name)) for name in start}
         start |= {name: given[name] for name, (default, _) in self.parameters().items()
                   if name in start and given.get(name, default) != default}  # fmt: skip
-        system, initial = self.system(), self.state(**start)
+        system, initial = self.system(start["qpos"]), self.state(**start)
         return Problem(
             self.name, system, project(system, initial) if m.neq else initial, t_end=T_END, dt=float(m.opt.timestep),
             section="", source=self.doc,
@@ -142,8 +142,8 @@ class CompiledMechanism(Mechanism):
             both[n] = T @ np.array(qvel)
         return State(r, R, both[:, 0], np.einsum("bji,bj->bi", R, both[:, 1]))
 
-    def system(self) -> MultibodySystem:
-        """Joints are those of the reference coordinates, as in MuJoCo."""
+    def system(self, qpos: tuple[float, ...] | None = None) -> MultibodySystem:
+        """Joints are those of the reference coordinates, as in MuJoCo; springs are wound as they are at ``qpos``."""
         m, d, off = self.model, self._place_model(self.model.qpos0), self.mj.mjtDisableBit
         r, R = self._poses(d)
         at = _Places(np.concatenate((r, np.zeros((1, 3)))), np.concatenate((R, np.eye(3)[None])), d, self._ours())
@@ -153,7 +153,7 @@ class CompiledMechanism(Mechanism):
             [self._body(n, d, r[n], R[n]) for n in range(len(self.roots))],
             [j for n in range(len(self.roots)) for j in self._joints(n, at)] + loops,
             np.zeros(3) if weightless else np.array(m.opt.gravity), [*self._springs(at), *self._slide_springs(at)],
-            torsions=self._torsions(at),
+            torsions=self._torsions(at, self.model.qpos0 if qpos is None else np.array(qpos)),
         )  # fmt: skip
 
     def _place_model(self, qpos: Any) -> Any:
@@ -274,7 +274,7 @@ class CompiledMechanism(Mechanism):
                 out.append(SpringDamper(i, p_i, j, p_j, k_c[0], float(m.tendon_lengthspring[k, 0]), k_c[1]))
         return out
 
-    def _torsions(self, at: "_Places") -> list[TorsionSpring]:
+    def _torsions(self, at: "_Places", qpos: np.ndarray) -> list[TorsionSpring]:
         """Springs and dampers of hinges: the angle is that from the reference coordinates."""
         m, out = self.model, []
         for k in sorted({*self._joint_choice.turning_springs, *self._joint_choice.turning_dampers}):
@@ -286,7 +286,7 @@ class CompiledMechanism(Mechanism):
             damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.turning_dampers else 0.0
             here, there = at.make_turn(n), at.make_turn(parent)
             out.append(TorsionSpring(n, here(across), parent, there(axis), there(across), stiffness,
-                                     self._rest(k), damping))  # fmt: skip
+                                     self._rest(k), damping, self._turns(k, qpos)))  # fmt: skip
         return out
 
     def _slide_springs(self, at: "_Places") -> list[SpringDamper]:
@@ -303,6 +303,11 @@ class CompiledMechanism(Mechanism):
             damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.sliding_dampers else 0.0
             out.append(SpringDamper(n, p_i, parent, p_j, stiffness, far + self._rest(k), damping))
         return out
+
+    def _turns(self, k: int, qpos: np.ndarray) -> int:
+        """Whole turns between the spring of joint ``k`` and its rest, beyond half a turn."""
+        at = self.model.jnt_qposadr[k]
+        return round(float(qpos[at] - self.model.qpos_spring[at]) / (2.0 * np.pi))
 
     def _rest(self, k: int) -> float:
         """Coordinate of joint ``k`` where its spring is at rest, from the reference coordinate [m or rad]."""

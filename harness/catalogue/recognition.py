@@ -257,7 +257,8 @@ def _across(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def _torsion(joint: Joint, start: State, push: float, k: float, c: float) -> TorsionSpring:
     axis, e, u = _across(joint, start)
-    return TorsionSpring(joint.i, u, joint.j, axis, e, k, _rest(joint, push, k), c)
+    rest = _rest(joint, push, k)
+    return TorsionSpring(joint.i, u, joint.j, axis, e, k, rest, c, round(-rest / (2.0 * np.pi)))
 
 
 def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:

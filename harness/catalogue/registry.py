@@ -30,6 +30,7 @@ from ..types import Problem, Solver, Trait
 from . import mechanism_files, plugins
 from .mechanism import Mechanism
 from .options import Parameter, nearest, read_value
+from .turns import counts_turns
 
 T = TypeVar("T")
 PROBLEMS, SOLVERS = ("problems",), ("solvers", "solvers/engines")
@@ -115,6 +116,8 @@ def solver(name: str) -> Callable[[type], type]:
     def mark(cls: Any) -> type:
         setattr(cls, _MARK, name)
         cls.name = name
+        if not getattr(cls, "own_angles", False):  # of engines, which count the turns of their hinges
+            cls.solve = counts_turns(cls.solve)
         return cls  # type: ignore[no-any-return]
 
     return mark

@@ -79,7 +79,8 @@ def begin_at_start(problem: Problem, motion: Motion) -> Motion:
     """The motion with the problem's start before a late first row."""
     if not is_late(motion.t):
         return motion
-    parts: dict[str, Any] = {k: a if (a := getattr(motion, k)) is None else np.concatenate((getattr(problem.initial, k)[None], a))
+    start = problem.initial
+    parts: dict[str, Any] = {k: a if (a := getattr(motion, k)) is None else np.concatenate((getattr(start, k)[None], a))
              for k in ("r", "R", "v", "Omega")}  # fmt: skip
     return dataclasses.replace(motion, t=np.concatenate(([0.0], motion.t)), **parts)
 
