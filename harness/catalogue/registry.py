@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import numpy as np
@@ -116,8 +116,9 @@ def solver(name: str) -> Callable[[type], type]:
     def mark(cls: Any) -> type:
         setattr(cls, _MARK, name)
         cls.name = name
-        if not getattr(cls, "own_angles", False):  # of engines, which count the turns of their hinges
-            cls.solve = counts_turns(cls.solve)
+        solve = getattr(cls, "solve", None)  # none, or no function, is refused later in a line
+        if isinstance(solve, FunctionType) and not getattr(cls, "own_angles", False):  # of engines: they count turns
+            cls.solve = counts_turns(solve)
         return cls  # type: ignore[no-any-return]
 
     return mark
