@@ -206,7 +206,7 @@ def _add_fuzz(commands: Any) -> None:
 
 def _add_referee(commands: Any) -> None:
     words = (
-        "judge the motion in a file (CSV, Parquet, NPZ, MAT, FMU) that any other code computed; exit code 0: all are "
+        "judge the motion in a file (text, Parquet, NPZ, MAT, FMU) that any other code computed; exit code 0: all are "
         "successes, 3: laws hold, but a motion is inaccurate, 1: one is wrong or cut short, 2: a file cannot be judged"
     )
     p = subcommand(commands, "referee", words, "one object a file")

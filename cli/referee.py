@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.text import Text
 
+from ..harness.catalogue import registry
 from ..harness.files import FileError
 from ..harness.foreign.conventions import CHOICES, Reading
 from ..harness.foreign.judge import FileSettings, judge_file, list_tables, open_results
@@ -74,7 +75,8 @@ def parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
     settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k, None)) is not None}
     if len(settings) > 1:
         raise UsageError("give one of --dt and --rtol")
-    name = getattr(arguments, "name", None) or re.sub(r"[^\w.+-]+", "_", first.stem)
+    stem = re.sub(r"[^\w.+-]+", "_", first.stem)
+    name = getattr(arguments, "name", None) or (f"{stem}_file" if stem in registry.solvers() else stem)
     return FileSettings(
         name, reading, columns, StepControl(**settings) if settings else None, arguments.start_tolerance
     )

@@ -20,9 +20,13 @@ class FileError(ValueError):
 
 
 def read_text(path: Path | Place, what: str) -> str:
-    """The text of ``path``; ``what`` says in the message what it should hold. NotOwn for a place that is a link."""
+    """The text of ``path`` without a mark of its order of bytes; ``what`` says in the message what it should hold.
+
+    NotOwn for a place that is a link.
+    """
     try:
-        return (path.read(LARGEST) if isinstance(path, Place) else read_whole(path, LARGEST)).decode()
+        content = path.read(LARGEST) if isinstance(path, Place) else read_whole(path, LARGEST)
+        return content.decode("utf-8-sig")
     except NotOwn:
         raise
     except (OSError, ValueError) as e:

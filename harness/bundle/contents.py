@@ -126,6 +126,9 @@ def _list_data(
 
 def _check_arrays(record: RunRecord, series: Series) -> None:
     """FileError unless states and exact states are there as they should be, and all numbers of the problem."""
+    if "end_turns" in series and np.any(series["end_turns"]):
+        raise FileError(f"run {record.run_id}: its torsional springs turn beyond half a turn about rest, which states "
+                        "do not tell; leave it out")  # fmt: skip
     nb = len(series["system_mass"]) if "system_mass" in series else -1
     shape = {"t": (), "r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3), "error": ()}
     whole = all(name in series for name in (*NUMBERS, "t", ENERGY)) and bool(

@@ -178,8 +178,13 @@ def _joint(c: Connection, here: Frame, there: Frame, i: int, j: int, axis: np.nd
 
 def _torsion(c: Connection, here: Frame, there: Frame, i: int, j: int, axis: np.ndarray) -> TorsionSpring:
     across = normals_of(axis)[0]
+    here_in_space, there_in_space = (c.in_child, c.in_parent) if i == c.child else (c.in_parent, c.in_child)
+    e, b = there_in_space.R @ across, there_in_space.R @ np.cross(axis, across)
+    u = here_in_space.R @ across
+    start = float(np.arctan2(u @ b, u @ e))  # the coordinate of the joint, which a pose tells within half a turn of 0
+    turns = round((start - c.rest) / (2.0 * np.pi))
     return TorsionSpring(
-        i, here.R @ across, j, there.R @ axis, there.R @ across, c.stiffness, c.rest, c.damping
+        i, here.R @ across, j, there.R @ axis, there.R @ across, c.stiffness, c.rest, c.damping, turns
     )  # fmt: skip
 
 

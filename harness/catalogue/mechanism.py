@@ -89,7 +89,7 @@ class CompiledMechanism(Mechanism):
 
     mj: Any
     model: Any
-    omitted: dict[Omitted, int]
+    omitted: Mapping[str, int]
     roots: tuple[int, ...] = field(init=False)  # the first of MuJoCo's bodies of each of ours
 
     @cached_property
@@ -125,7 +125,7 @@ class CompiledMechanism(Mechanism):
             start |= {name: tuple(getattr(m.key(key), name)) for name in start}
         start |= {name: given[name] for name, (default, _) in self.parameters().items()
                   if name in start and given.get(name, default) != default}  # fmt: skip
-        system, initial = self.system(), self.state(**start)
+        system, initial = self.system(start["qpos"]), self.state(**start)
         return Problem(
             self.name, system, project(system, initial) if m.neq else initial, t_end=T_END, dt=float(m.opt.timestep),
             section="", source=self.doc,
@@ -142,8 +142,8 @@ class CompiledMechanism(Mechanism):
             both[n] = T @ np.array(qvel)
         return State(r, R, both[:, 0], np.einsum("bji,bj->bi", R, both[:, 1]))
 
-    def system(self) -> MultibodySystem:
-        """Joints are those of the reference coordinates, as in MuJoCo."""
+    def system(self, qpos: tuple[float, ...] | None = None) -> MultibodySystem:
+        """Joints are those of the reference coordinates, as in MuJoCo; springs are wound as they are at ``qpos``."""
         m, d, off = self.model, self._place_model(self.model.qpos0), self.mj.mjtDisableBit
         r, R = self._poses(d)
         at = _Places(np.concatenate((r, np.zeros((1, 3)))), np.concatenate((R, np.eye(3)[None])), d, self._ours())
@@ -153,7 +153,7 @@ class CompiledMechanism(Mechanism):
             [self._body(n, d, r[n], R[n]) for n in range(len(self.roots))],
             [j for n in range(len(self.roots)) for j in self._joints(n, at)] + loops,
             np.zeros(3) if weightless else np.array(m.opt.gravity), [*self._springs(at), *self._slide_springs(at)],
-            torsions=self._torsions(at),
+            torsions=self._torsions(at, self.model.qpos0 if qpos is None else np.array(qpos)),
         )  # fmt: skip
 
     def _place_model(self, qpos: Any) -> Any:
@@ -228,7 +228,10 @@ class CompiledMechanism(Mechanism):
                 corners = (points[2], points[2] + e, points[2] + np.cross(axes[2], e))
                 return [make_joint(JointKind.ON_PLANE, p, None, axes[2]) for p in corners]
         kinds = ", ".join({"F": "free", "B": "ball", "S": "slide", "H": "hinge"}[c] for c in letters)
-        raise ValueError(f"body {m.body(root).name!r}: its joints ({kinds}) make none that is known here")
+        raise ValueError(
+            f"body {m.body(root).name!r}: its joints ({kinds}) make no kind of joint here; give each "
+            "a body of its own, with mass and inertia, one within the other"
+        )
 
     def _loops(self, at: "_Places") -> list[Joint]:
         m, eq = self.model, self.mj.mjtEq
@@ -237,7 +240,10 @@ class CompiledMechanism(Mechanism):
             kind, ends, data = eq(m.eq_type[k]), (m.eq_obj1id[k], m.eq_obj2id[k]), m.eq_data[k]
             if kind not in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
                 what = kind.name.removeprefix("mjEQ_").lower()
-                raise ValueError(f"equality {m.equality(k).name or k}: of connect and weld only (got {what})")
+                raise ValueError(
+                    f"equality {m.equality(k).name or k + 1}: couplings of type {what} are not taken over (connect and "
+                    "weld are); remove it, or make one of its joints part of its parent"
+                )
             if m.eq_objtype[k] == int(self.mj.mjtObj.mjOBJ_SITE):
                 bodies, points = [m.site_bodyid[e] for e in ends], [m.site_pos[e] for e in ends]
                 turns = [_matrix(self.mj, m.site_quat[e]) for e in ends]
@@ -268,7 +274,7 @@ class CompiledMechanism(Mechanism):
                 out.append(SpringDamper(i, p_i, j, p_j, k_c[0], float(m.tendon_lengthspring[k, 0]), k_c[1]))
         return out
 
-    def _torsions(self, at: "_Places") -> list[TorsionSpring]:
+    def _torsions(self, at: "_Places", qpos: np.ndarray) -> list[TorsionSpring]:
         """Springs and dampers of hinges: the angle is that from the reference coordinates."""
         m, out = self.model, []
         for k in sorted({*self._joint_choice.turning_springs, *self._joint_choice.turning_dampers}):
@@ -280,7 +286,7 @@ class CompiledMechanism(Mechanism):
             damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.turning_dampers else 0.0
             here, there = at.make_turn(n), at.make_turn(parent)
             out.append(TorsionSpring(n, here(across), parent, there(axis), there(across), stiffness,
-                                     self._rest(k), damping))  # fmt: skip
+                                     self._rest(k), damping, self._turns(k, qpos)))  # fmt: skip
         return out
 
     def _slide_springs(self, at: "_Places") -> list[SpringDamper]:
@@ -297,6 +303,11 @@ class CompiledMechanism(Mechanism):
             damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.sliding_dampers else 0.0
             out.append(SpringDamper(n, p_i, parent, p_j, stiffness, far + self._rest(k), damping))
         return out
+
+    def _turns(self, k: int, qpos: np.ndarray) -> int:
+        """Whole turns between the spring of joint ``k`` and its rest, beyond half a turn."""
+        at = self.model.jnt_qposadr[k]
+        return round(float(qpos[at] - self.model.qpos_spring[at]) / (2.0 * np.pi))
 
     def _rest(self, k: int) -> float:
         """Coordinate of joint ``k`` where its spring is at rest, from the reference coordinate [m or rad]."""

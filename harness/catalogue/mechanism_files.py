@@ -1,24 +1,30 @@
 """Files of mechanisms: MuJoCo's own parser and compiler read MJCF and URDF (extra ``engines``).
 
-Looks are left out before the compiler sees them, so that the files of meshes need not be there. SDFormat and USD have
-readers of their own (modules ``sdformat`` and ``usd``).
+Meshes become points before the compiler sees them, so that their files need not be there while what refers to them
+stays. What URDF needs beside that is in module ``urdf``. SDFormat and USD have readers of their own (modules
+``sdformat`` and ``usd``).
 """
 
 import hashlib
 import importlib
 import re
 import warnings
-import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from . import sdformat, usd
+from . import sdformat, urdf, usd
+from .closing import close_joints
 from .links import LinkMechanism
 from .mechanism import NO_INERTIA, CompiledMechanism, Mechanism, Omitted, find_joints, is_straight_spring
+from .mujoco_flags import apply_flags
 
 COMPILED, SDFORMAT, USD = (".xml", ".mjcf", ".urdf"), (".sdf", ".world"), (".usd", ".usda", ".usdc", ".usdz")
+COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+INCLUDE = re.compile(rb"<(?:include|model)\b[^>]*?\bfile\s*=\s*(?:\"([^\"]*)\"|'([^']*)')")
+ROOT = re.compile(rb"<\s*([A-Za-z_][\w:.-]*)")  # of an XML file: its first tag behind declarations and comments
 SUFFIXES = (*COMPILED, *SDFORMAT, *USD)
 
 
@@ -38,9 +44,16 @@ def files(path: Path) -> tuple[Path, ...]:
         return usd.layers(path)
     found = [path]
     for here in found if path.suffix.lower() in COMPILED else ():
-        parts = ET.parse(here).iter("include")
-        found += [p for e in parts if (p := path.parent / e.get("file", "")) not in found]
+        found += [p for p in _included(here, path) if p not in found]
     return tuple(found)
+
+
+def _included(here: Path, top: Path) -> Iterator[Path]:
+    """Files that a file of MuJoCo's names, beside it or beside the first one, where MuJoCo looks for them."""
+    text = COMMENT.sub(b"", here.read_bytes())
+    for match in INCLUDE.finditer(text):
+        name = (match[1] or match[2]).decode(errors="replace")
+        yield from [p for p in (here.parent / name, top.parent / name) if p.is_file()][:1]
 
 
 def read(path: Path) -> Mechanism:
@@ -57,7 +70,8 @@ def _read_links(path: Path, reader: Any) -> LinkMechanism:
     found = reader.Document(path)
     if not found.links:
         raise ValueError("nothing in it can move: no body is free or has a joint")
-    return LinkMechanism(name_of(path), path, _digest(path), found.reader, found.links, found.joints, found.gravity,
+    joints = close_joints(found.joints)
+    return LinkMechanism(name_of(path), path, _digest(path), found.reader, found.links, joints, found.gravity,
                          found.dt, {what: n for what, n in found.omitted.items() if n})  # fmt: skip
 
 
@@ -66,8 +80,9 @@ def _compile_file(path: Path) -> CompiledMechanism:
         mj = importlib.import_module("mujoco")
     except ImportError:
         raise ValueError("MuJoCo reads such files and is not installed: pip install 'mbsbench[engines]'") from None
+    robot = urdf.Document(path) if _root(path) == b"robot" else None
     try:
-        spec = mj.MjSpec.from_file(str(path))
+        spec = mj.MjSpec.from_string(robot.text) if robot and robot.text else mj.MjSpec.from_file(str(path))
         _without_looks(mj, spec)
         for body in spec.bodies:  # slender rods and point masses
             if body.explicitinertial and np.isnan(body.fullinertia[0]):
@@ -76,11 +91,19 @@ def _compile_file(path: Path) -> CompiledMechanism:
             warnings.simplefilter("ignore", UserWarning)
             model = spec.compile()
     except ValueError as error:  # of MuJoCo, over several lines
-        raise ValueError(" ".join(str(error).split())) from None
+        message = " ".join(str(error).split()).partition(" The static bodies of the spec were fused")[0]
+        raise ValueError(robot.explain(message) if robot else message) from None
+    apply_flags(mj, model)
     if not set(model.body_weldid) - {0}:
         raise ValueError("nothing in it can move: no body has a joint")
     omitted = {what: n for what, n in _count_omitted(mj, model).items() if n}
-    return CompiledMechanism(name_of(path), path, _digest(path), mj, model, omitted)
+    more = {} if robot is None else {what: n for what, n in robot.omitted.items() if n}
+    return CompiledMechanism(name_of(path), path, _digest(path), mj, model, omitted | more)
+
+
+def _root(path: Path) -> bytes:
+    found = ROOT.search(COMMENT.sub(b"", path.read_bytes()))
+    return found[1] if found else b""
 
 
 def _digest(path: Path) -> str:
@@ -88,20 +111,23 @@ def _digest(path: Path) -> str:
 
 
 def _without_looks(mj: Any, spec: Any) -> None:
-    """Meshes and textures are left out: their files need not be there; inertias must not come from them."""
+    """Meshes become points and textures are left out: their files need not be there; no inertia may come from them."""
     if spec.flexes or spec.plugins:
         raise ValueError("flexible bodies and plugins of MuJoCo are not taken over")
     from_geoms = spec.compiler.inertiafromgeom
-    shapes = (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF, mj.mjtGeom.mjGEOM_HFIELD)
     for geom in list(spec.geoms):
-        geom.material = ""
-        if geom.type not in shapes:
+        if not geom.meshname and not geom.hfieldname:
             continue
         body = geom.parent
         given = body.explicitinertial and from_geoms != mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
         if not given and _moves(spec, body) and from_geoms != mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE:
             raise ValueError(f"body {body.name!r} has its inertia from a mesh; give it mass and inertia as numbers")
-        spec.delete(geom)
+        geom.type, geom.meshname, geom.hfieldname, geom.mass = mj.mjtGeom.mjGEOM_SPHERE, "", "", 0.0
+        geom.size, geom.fromto = [1e-3, 0.0, 0.0], [np.nan] * 6
+    for part in (*spec.geoms, *spec.sites, *spec.tendons):
+        part.material = ""
+    for light in spec.lights:
+        light.texture = ""
     for kind in ("skins", "meshes", "hfields", "materials", "textures"):
         for part in list(getattr(spec, kind)):
             spec.delete(part)

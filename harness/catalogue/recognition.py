@@ -24,6 +24,7 @@ from ..mechanics.state import State
 from ..mechanics.system import GROUND, RigidBody, SpringDamper, TorsionSpring, assemble
 from .mechanism import BEHIND, NEAR
 
+ROUNDING = 1e-12  # of sums, of the size of their terms
 RANK = 1e-7  # of the largest singular value of rows of length one
 
 
@@ -66,11 +67,13 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
     """Forces that give the accelerations of the samples, or ValueError; ``joints``: those that may have springs."""
     from scipy.optimize import nnls
 
-    needed, columns = [], []
+    needed, columns, terms = [], [], 0.0  # terms: what the forces needed are the sum of
     turning = [j for j in joints if j.sort in (JointKind.REVOLUTE, JointKind.CYLINDRICAL)]
     sliding = [j for j in joints if j.sort in (JointKind.PRISMATIC, JointKind.CYLINDRICAL, JointKind.ON_LINE)]
     for one in samples:
-        needed.append(one.twists.T @ _inertia_forces(bodies, one).ravel())
+        inertia = _inertia_forces(bodies, one).ravel()
+        needed.append(one.twists.T @ inertia)
+        terms = max(terms, float(np.max(np.abs(one.twists).T @ np.abs(inertia), initial=0.0)))
         found = [np.array([[*(b.mass * e), 0.0, 0.0, 0.0] for b in bodies]) for e in np.eye(3)]
         for j in turning:
             angle, rate, push = _measure_angle(j, one.state, samples[0].state)
@@ -80,6 +83,9 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
             found += [push, -way * push, -rate * push]
         columns.append(np.array([one.twists.T @ f.ravel() for f in found]).T)
     A, b = np.concatenate(columns), np.concatenate(needed)
+    rounding = ROUNDING * terms
+    if np.max(np.abs(b), initial=0.0) <= rounding:  # it moves by its inertia alone
+        return Forces(np.zeros(3), (), ())
     signed = [0, 1, 2, *range(3, A.shape[1], 3)]  # stiffness and damping are never negative
     size = np.linalg.norm(A, axis=0)
     size[size < NEAR * np.max(size, initial=0.0)] = np.inf
@@ -96,7 +102,7 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
         x = np.zeros(A.shape[1])
         x[some] = np.linalg.lstsq((A / size)[:, some], b, rcond=None)[0] / size[some]
         missing = np.abs(A @ x - b)
-        explained = np.max(missing) <= NEAR * np.max(np.abs(b))
+        explained = np.max(missing) <= max(NEAR * np.max(np.abs(b)), rounding)
         if explained:
             break
     if not explained:
@@ -173,7 +179,7 @@ def _of_point(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, A
     if point and NEAR * far < size[0] and np.linalg.norm(np.cross(d, ways[:, 0]), axis=1).max() < NEAR * far:
         yield {"s_j": np.zeros(3), "axis_j": ways[:, 0], "kind": JointKind.ON_LINE}
         return
-    if not point and size[0] < NEAR * far:
+    if not point and size[0] <= NEAR * far:
         yield {"s_j": d[0], "kind": JointKind.SPHERICAL}
     elif not point and size[1] < NEAR * size[0]:
         yield {"s_j": d[0], "axis_j": ways[:, 0], "kind": JointKind.ON_LINE}
@@ -193,7 +199,7 @@ def _meet(Q: np.ndarray, d: np.ndarray, ways: np.ndarray) -> tuple[np.ndarray, n
     A = np.concatenate([ways @ np.hstack((q, -np.eye(3))) for q in Q])
     b = -(d @ ways.T).ravel()
     x = np.linalg.lstsq(A, b, rcond=NEAR)[0]
-    return x[:3], x[3:], bool(np.max(np.abs(A @ x - b)) < NEAR * (np.max(np.abs(d)) + np.max(np.abs(x))))
+    return x[:3], x[3:], bool(np.max(np.abs(A @ x - b)) <= NEAR * (np.max(np.abs(d)) + np.max(np.abs(x))))
 
 
 def _pose(s: State, b: int) -> tuple[np.ndarray, np.ndarray]:
@@ -251,7 +257,8 @@ def _across(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def _torsion(joint: Joint, start: State, push: float, k: float, c: float) -> TorsionSpring:
     axis, e, u = _across(joint, start)
-    return TorsionSpring(joint.i, u, joint.j, axis, e, k, _rest(joint, push, k), c)
+    rest = _rest(joint, push, k)
+    return TorsionSpring(joint.i, u, joint.j, axis, e, k, rest, c, round(-rest / (2.0 * np.pi)))
 
 
 def _spring(joint: Joint, push: float, k: float, c: float) -> SpringDamper:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import numpy as np
@@ -31,6 +31,7 @@ from ..types import Problem, Solver, Trait
 from . import mechanism_files, plugins
 from .mechanism import Mechanism
 from .options import Parameter, nearest, read_value
+from .turns import counts_turns
 
 T = TypeVar("T")
 PROBLEMS, SOLVERS = ("problems",), ("solvers", "solvers/engines")
@@ -115,6 +116,9 @@ def solver(name: str) -> Callable[[type], type]:
     def mark(cls: Any) -> type:
         setattr(cls, _MARK, name)
         cls.name = name
+        solve = getattr(cls, "solve", None)  # none, or no function, is refused later in a line
+        if isinstance(solve, FunctionType) and not getattr(cls, "own_angles", False):  # of engines: they count turns
+            cls.solve = counts_turns(solve)
         return cls  # type: ignore[no-any-return]
 
     return mark

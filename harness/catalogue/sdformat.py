@@ -1,14 +1,14 @@
-"""SDFormat (1.5 to 1.12) as links and joints: poses relative to named frames, axes expressed in them, loops.
+"""SDFormat (1.3 to 1.12) as links and joints: poses relative to named frames, axes expressed in them, loops.
 
 A file holds one model, or a world of models without joints between them. Looks, contacts, limits and plugins are
-left out; elements that would change which motions are possible are an error that names the element and its line.
+left out; what is in no list of ``sdformat_words`` is an error that names the element and its line. Up to version 1.4
+axes are directions of the model, up to 1.5 gravity is a child of ``physics``.
 """
 
 import math
 import xml.etree.ElementTree as ET
 from collections import Counter
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,73 +16,58 @@ from scipy.spatial.transform import Rotation
 from ..mechanics.joints import JointKind
 from ..mechanics.system import GROUND
 from .links import HOME, Connection, Frame, Link
+from .sdformat_words import IN_MODEL, IN_PHYSICS, VERSIONS, VOCABULARY
+from .xml_elements import Refusal, first, is_true, parse
 
 GRAVITY, STEP, FAR = "0 0 -9.8", "0.001", 1e15  # the format's own defaults; limits beyond FAR are none
 KINDS = {
     "revolute": JointKind.REVOLUTE, "continuous": JointKind.REVOLUTE, "prismatic": JointKind.PRISMATIC,
     "ball": JointKind.SPHERICAL, "fixed": JointKind.FIXED, "universal": JointKind.UNIVERSAL,
 }  # fmt: skip
-COUNTED = {"plugin": "plugins", "collision": "collision shapes", "state": "states", "velocity_decay": "velocity decays",
-           "gripper": "grippers", "sensor": "sensors"}  # fmt: skip
-READ = {  # what an element may hold beside what is counted; others are refused
-    "world": "model gravity physics light scene gui magnetic_field atmosphere spherical_coordinates wind audio road",
-    "model": "link joint frame pose static self_collide allow_auto_disable enable_wind",
-    "link": "pose inertial visual self_collide kinematic gravity enable_wind must_be_base_link light projector battery "
-            "audio_sink audio_source particle_emitter",
-    "inertial": "pose mass inertia",
-    "joint": "parent child pose axis axis2 physics",
-    "axis": "xyz dynamics limit use_parent_model_frame",
-    "dynamics": "damping friction spring_reference spring_stiffness",
-}  # fmt: skip
-
-
-class _Element(ET.Element):
-    """An element that knows its line."""
-
-    line = 0
-
-
-class Refusal(ValueError):
-    """An element that is not taken over."""
-
-    def __init__(self, e: ET.Element, words: str) -> None:
-        name = f" name={e.get('name')!r}" if e.get("name") else ""
-        super().__init__(f"line {getattr(e, 'line', 0)}: <{e.tag}{name}>: {words}")
 
 
 class Document:
     """Links, joints, gravity and step of a file."""
 
     def __init__(self, path: Path) -> None:
-        root = _parse(path)
+        root = parse(path)
         if root.tag != "sdf":
             raise Refusal(root, "expected an sdf element")
+        self.version = root.get("version", "").strip()
+        if self.version not in VERSIONS:
+            raise Refusal(root, f"version must be {VERSIONS[0]} to {VERSIONS[-1]} (got {self.version!r})")
+        self.omitted: Counter[str] = Counter()
+        VOCABULARY.check(root, self.omitted)
         worlds = root.findall("world") or [root]
         if len(worlds) > 1:
             raise Refusal(worlds[1], "expected one world")
         world = worlds[0]
-        self.reader = f"the reader of SDFormat, version {root.get('version', '?')}"
-        self.omitted: Counter[str] = Counter()
-        if world is not root:
-            self.check(world, "world")
-        self.gravity = np.array(_numbers(world, "gravity", GRAVITY, 3))
-        self.dt = _numbers(world, "physics/max_step_size", STEP, 1)[0]
+        self.reader = f"the reader of SDFormat, version {self.version}"
+        engines = world.findall("physics")
+        engine = first(
+            [e for e in engines if e.get("default", "").lower() in ("true", "1")] or engines, ET.Element("physics")
+        )
+        self.gravity = self._gravity(world, engine)
+        self.dt = _numbers(engine, "max_step_size", STEP, 1)[0]
         if not self.dt > 0.0:
-            raise Refusal(world.findall("physics/max_step_size")[0], f"the step must be > 0 s (got {self.dt})")
+            raise Refusal(engine.findall("max_step_size")[0], f"the step must be > 0 s (got {self.dt})")
         self.links: list[Link] = []
         self.joints: list[Connection] = []
         models = world.findall("model")
         for model in models:
-            self.check(model, "model")
             _Model(self, model, f"{model.get('name')}::" if len(models) > 1 else "").read()
 
-    def check(self, e: ET.Element, kind: str) -> None:
-        """Count what is left out of an element; Refusal of what is unknown."""
-        for part in e:
-            if part.tag in COUNTED:
-                self.omitted[COUNTED[part.tag]] += 1
-            elif part.tag not in READ[kind].split():
-                raise Refusal(part, f"not taken over within {kind}")
+    def _gravity(self, world: ET.Element, engine: ET.Element) -> np.ndarray:
+        """Gravity of the world, or of its physics in the versions that have it there."""
+        inner = engine.find("gravity")
+        if inner is None:
+            return np.array(_numbers(world, "gravity", GRAVITY, 3))
+        if self.version not in IN_PHYSICS:
+            raise Refusal(inner, f"in version {self.version} gravity is a child of world; move it there")
+        found = np.array(_numbers(engine, "gravity", GRAVITY, 3))
+        if world.find("gravity") is not None and not np.array_equal(found, _numbers(world, "gravity", GRAVITY, 3)):
+            raise Refusal(inner, "the world has another gravity; give one")
+        return found
 
 
 class _Model:
@@ -95,13 +80,13 @@ class _Model:
             if not (name := e.get("name", "")) or name in self.named:
                 raise Refusal(e, "links, joints and frames of a model need names, each its own")
             self.named[name] = e
-        self.static = _text(model, "static", "false") in ("true", "1")
+        self.static = is_true(model, "static")
+        document.omitted["wind"] += any(is_true(e, "enable_wind") for e in (model, *model.findall("link")))
         self.number: dict[str, int] = {}
 
     def read(self) -> None:
         """Add the model's links and joints."""
         for e in self.model.findall("link"):
-            self.document.check(e, "link")
             name = e.get("name", "")
             self.number[name] = GROUND if self.static else len(self.document.links)
             if not self.static:
@@ -110,14 +95,13 @@ class _Model:
             self.document.joints += [self._joint(e) for e in self.model.findall("joint")]
 
     def _link(self, e: ET.Element, name: str) -> Link:
-        if _text(e, "gravity", "true") in ("false", "0"):
+        if not is_true(e, "gravity", "true"):
             raise Refusal(e, "gravity cannot be switched off for a link")
-        if _text(e, "kinematic", "false") in ("true", "1"):
+        if is_true(e, "kinematic"):
             raise Refusal(e, "kinematic links are not taken over")
         inertial = e.find("inertial")
         given = ET.Element("inertial") if inertial is None else inertial
-        self.document.check(given, "inertial")
-        if given.get("auto") in ("true", "1"):
+        if given.get("auto", "").lower() in ("true", "1"):
             raise Refusal(given, "give mass and inertia as numbers; auto takes them from shapes")
         xx, yy, zz = (_numbers(given, f"inertia/i{k}", "1", 1)[0] for k in ("xx", "yy", "zz"))
         xy, xz, yz = (_numbers(given, f"inertia/i{k}", "0", 1)[0] for k in ("xy", "xz", "yz"))
@@ -126,7 +110,6 @@ class _Model:
         return Link(name, _numbers(given, "mass", "1", 1)[0], J, C, np.zeros(3), np.zeros(3))
 
     def _joint(self, e: ET.Element) -> Connection:
-        self.document.check(e, "joint")
         if e.get("type") not in KINDS:
             raise Refusal(e, f"type must be one of {', '.join(KINDS)} (got {e.get('type')})")
         kind, place = KINDS[e.get("type", "")], self.frame(e)
@@ -140,10 +123,8 @@ class _Model:
         for axis in (a for tag in ("axis", "axis2") for a in e.findall(tag)):
             dynamics = axis.find("dynamics")
             values = {} if dynamics is None else {k: _numbers(dynamics, k, "0", 1)[0] for k in (*spring, "friction")}
-            if dynamics is not None:
-                self.document.check(dynamics, "dynamics")
-            limits = [_numbers(axis, f"limit/{k}", "inf", 1)[0] for k in ("lower", "upper")]
-            self.document.omitted["limits"] += any(abs(x) < FAR for x in limits)
+            if self._is_locked(e, axis, kind):
+                kind, values = JointKind.FIXED, {}
             self.document.omitted["dry friction"] += values.pop("friction", 0.0) != 0.0
             if any(values.values()) and kind not in (JointKind.REVOLUTE, JointKind.PRISMATIC):
                 self.document.omitted["springs and dampers of universal joints"] += 1
@@ -154,15 +135,33 @@ class _Model:
             stiffness=spring["spring_stiffness"], rest=spring["spring_reference"], damping=spring["damping"],
         )  # fmt: skip
 
+    def _is_locked(self, e: ET.Element, axis: ET.Element, kind: JointKind) -> bool:
+        """Whether limits leave a joint no motion; others are counted."""
+        low, high = _numbers(axis, "limit/lower", "-inf", 1)[0], _numbers(axis, "limit/upper", "inf", 1)[0]
+        given, counted = axis.find("limit"), self.document.omitted
+        if e.get("type") == "continuous" or kind in (JointKind.SPHERICAL, JointKind.FIXED) or given is None:
+            return False
+        counted["limits of effort and speed"] += any(
+            0.0 <= _numbers(given, k, "inf", 1)[0] < FAR for k in ("effort", "velocity")
+        )
+        if low > high:
+            raise Refusal(given, f"lower must be at most upper (got {low:g}, {high:g})")
+        if low < high:
+            counted["limits"] += abs(low) < FAR or abs(high) < FAR
+            return False
+        if low != 0.0 or kind is JointKind.UNIVERSAL:
+            raise Refusal(given, f"limits that lock the joint are taken over of one axis, at 0 (got {low:g}); "
+                          "place the child there, and use a fixed joint")  # fmt: skip
+        return True
+
     def _axis(self, e: ET.Element, tag: str, place: Frame) -> np.ndarray:
         """A unit vector in the frame of the joint."""
         axis = e.find(tag)
         if axis is None:
             return np.array([0.0, 0.0, 1.0])
-        self.document.check(axis, "axis")
         xyz, way = axis.find("xyz"), np.array(_numbers(axis, "xyz", "0 0 1", 3))
         expressed = "" if xyz is None else xyz.get("expressed_in", "")
-        if _text(axis, "use_parent_model_frame", "false") in ("true", "1"):
+        if is_true(axis, "use_parent_model_frame") or self.document.version in IN_MODEL:
             expressed = "__model__"
         if expressed:
             way = place.R.T @ self._frame_of(axis, expressed).R @ way
@@ -208,21 +207,6 @@ class _Model:
         raise Refusal(e, f"{name!r} is attached to itself")
 
 
-def _parse(path: Path) -> ET.Element:
-    builder, parser = ET.TreeBuilder(element_factory=_Element), expat.ParserCreate()
-
-    def begin(tag: str, attributes: dict[str, str]) -> None:
-        builder.start(tag, attributes).line = parser.CurrentLineNumber  # type: ignore[attr-defined]
-
-    parser.StartElementHandler, parser.EndElementHandler = begin, builder.end
-    parser.CharacterDataHandler = builder.data
-    try:
-        parser.Parse(path.read_bytes(), True)
-    except expat.ExpatError as error:
-        raise ValueError(f"not XML: {error}") from None
-    return builder.close()
-
-
 def _text(e: ET.Element, tag: str, default: str) -> str:
     return (e.findtext(tag) or default).strip()
 
@@ -233,7 +217,7 @@ def _numbers(e: ET.Element, tag: str, default: str, count: int) -> list[float]:
         found = [float(x) for x in text.split()]
     except ValueError:
         found = []
-    bounded = not tag.startswith("limit/")  # an endless joint has limits of inf
+    bounded = tag not in ("limit/lower", "limit/upper", "effort", "velocity")  # an endless joint has limits of inf
     if len(found) != count or not all(math.isfinite(x) if bounded else not math.isnan(x) for x in found):
         words = f"{tag} must be {count} {'finite ' * bounded}number{'s' * (count > 1)} (got {text!r})"
         raise Refusal(next(iter(e.findall(tag)), e), words)
@@ -244,6 +228,8 @@ def _pose(e: ET.Element) -> Frame:
     pose = e.find("pose")
     if pose is None:
         return HOME
+    if pose.get("frame"):
+        raise Refusal(pose, "attribute 'frame' is not taken over; version 1.7 has relative_to")
     quaternion = pose.get("rotation_format", "euler_rpy") == "quat_xyzw"
     count = 7 if quaternion else 6
     x = _numbers(e, "pose", " ".join(["0"] * count), count)

@@ -1,7 +1,7 @@
 """USD Physics as links and joints, read by Pixar's own library: units of the stage become SI, axes stay those of space.
 
 Joints that an articulation excludes are rows like all others. Shapes, limits and materials are left out; prims that
-would change which motions are possible are an error that names them.
+would change which motions are possible, and properties in no list of ``usd_words``, are an error that names them.
 """
 
 import importlib
@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from ..mechanics.joints import JointKind
 from ..mechanics.system import GROUND
 from .links import Connection, Frame, Link
+from .usd_words import TYPES, check
 
 SHEAR = 1e-5  # of a transform: beyond the rounding of float32
 COUPLES = re.compile(r"Joint|Mimic|Tendon|Gear|Equality")  # in names of schemas that restrict motions
@@ -69,13 +70,28 @@ class Document:
         self._places = self.geom.XformCache()
         prims = list(stage.Traverse(self.usd.TraverseInstanceProxies()))
         up = np.eye(3)["XYZ".index(self.geom.GetStageUpAxis(stage))]
-        self.gravity = -GRAVITY * up
-        for prim in (p for p in prims if p.IsA(self.physics.Scene)):
-            self.gravity = self._gravity(self.physics.Scene(prim), up)
+        for prim in prims:
+            self._check(prim)
+        scenes = [p for p in prims if p.IsA(self.physics.Scene)]
+        found = [self._gravity(self.physics.Scene(p), up) for p in scenes] or [-GRAVITY * up]
+        for prim, other in zip(scenes[1:], found[1:], strict=True):
+            if not np.array_equal(other, found[0]):
+                raise Refusal(prim, f"{scenes[0].GetPath()} has another gravity; give one scene")
+        self.gravity = found[0]
         self.number = {p.GetPath(): k for k, p in enumerate(filter(self._is_body, prims))}
         self.links = [self._link(p) for p in prims if p.GetPath() in self.number]
         self.joints = [c for p in prims for c in self._joint(p)]
         self.omitted["collision shapes"] = sum(p.HasAPI(self.physics.CollisionAPI) for p in prims)
+
+    def _check(self, prim: Any) -> None:
+        """Refusal of what is not known of a prim that is a part of the mechanism."""
+        kind = str(prim.GetTypeName())
+        if kind.startswith(("Phys", "Newton", "Mjc")) and not TYPES.match(kind):
+            self.omitted[f"prims {kind}"] += not COUPLES.search(kind)  # these are refused with their joints
+        elif not (TYPES.match(kind) or prim.HasAPI(self.physics.RigidBodyAPI) or prim.HasAPI(self.physics.MassAPI)):
+            return
+        if words := check(prim, self.omitted):
+            raise Refusal(prim, words)
 
     def _gravity(self, scene: Any, up: np.ndarray) -> np.ndarray:
         way, size = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float), scene.GetGravityMagnitudeAttr().Get()
@@ -155,9 +171,13 @@ class Document:
             length = self.metre * limits[0]
         elif kind in LIMITED:
             limits = [float(prim.GetAttribute(f"physics:{k}Limit").Get()) for k in ("lower", "upper")]
-            if limits[0] >= limits[1]:
-                raise Refusal(prim, f"its limits lock it ({limits[0]:g}, {limits[1]:g}); use a PhysicsFixedJoint")
-            self.omitted["limits"] += any(map(math.isfinite, limits))
+            if self._is_locked_by(prim, *limits):
+                sort, drive = JointKind.FIXED, ""
+            else:
+                self.omitted["limits"] += any(map(math.isfinite, limits))
+        elif sort is JointKind.SPHERICAL and kind in KINDS:
+            cone = [prim.GetAttribute(f"physics:coneAngle{k}Limit").Get() for k in (0, 1)]
+            self.omitted["limits"] += any(a is not None and math.isfinite(a) and a >= 0.0 for a in cone)
         others = [s for s in schemas if s.startswith("PhysicsDriveAPI:") and s != f"PhysicsDriveAPI:{drive}"]
         self.omitted["drives of joints with several axes"] += len(others)
         stiffness, rest, damping = self._drive(prim, drive) if drive else (0.0, 0.0, 0.0)
@@ -170,8 +190,16 @@ class Document:
             return False
         limit = self.physics.LimitAPI(prim, way)
         low, high = limit.GetLowAttr().Get(), limit.GetHighAttr().Get()
-        self.omitted["limits"] += low < high and (math.isfinite(low) or math.isfinite(high))
-        return bool(low >= high)
+        if self._is_locked_by(prim, low, high):
+            return True
+        self.omitted["limits"] += math.isfinite(low) or math.isfinite(high)
+        return False
+
+    def _is_locked_by(self, prim: Any, low: float, high: float) -> bool:
+        """Whether limits leave no motion: equal at 0, or the wrong way round, by which USD locks an axis."""
+        if low == high != 0.0:
+            raise Refusal(prim, f"limits that lock a joint are taken over at 0 (got {low:g}); place the body there")
+        return low >= high
 
     def _drive(self, prim: Any, name: str) -> tuple[float, float, float]:
         """Stiffness, rest and damping of a drive that holds a position."""

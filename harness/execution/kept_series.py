@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import States
+from ..mechanics.torsion import count_turns, torsion
 from ..metrics.measure import Measured, count_covered, stated_error
 from ..metrics.peaks import find_peaks, steps_to_keep, times_between, times_of_scales, times_to_keep
 from ..metrics.periods import find_periods
@@ -62,6 +63,7 @@ def series_of(
     units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
     at = {name: float(m.t[k]) for name, k in peaks.items()} | times_between(m) | times_of_scales(m)
     arrays |= _poses(m.t, trajectory, span, near) | _exact(reference, m.t, span, near)
+    arrays |= _turns(problem, trajectory)
     arrays |= _states(trajectory, steps, m.t) | _samples(reference, times_to_keep(m, steps))
     if brief:
         arrays = leave_out_states({**arrays, "state_energy_error": m.energy_error[steps]}, at)
@@ -126,6 +128,17 @@ def _poses(t: np.ndarray, trajectory: Trajectory, span: float, near: float) -> d
     if trajectory.reaction is not None and not near:
         out["frame_reaction"] = np.asarray(trajectory.reaction, dtype=float)[frames]
     return out
+
+
+def _turns(problem: Problem, trajectory: Trajectory) -> dict[str, np.ndarray]:
+    """The most whole turns that each torsional spring winds beyond half a turn about rest; nothing where none does."""
+    system, t = problem.system, np.asarray(trajectory.t, dtype=float)
+    angles = count_turns(system, t, trajectory.states)
+    if angles is None and not np.any(system.torsion_wound):
+        return {}
+    whole = torsion(system, trajectory.states)[0] - system.torsion_wound
+    far = np.abs((whole if angles is None else angles) - whole)
+    return {"end_turns": np.round(np.max(far + np.abs(system.torsion_wound), axis=0) / (2.0 * np.pi))}
 
 
 def _exact(reference: Reference | None, t: np.ndarray, span: float, near: float) -> dict[str, np.ndarray]:

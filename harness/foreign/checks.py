@@ -7,11 +7,14 @@ import numpy as np
 from ..files import FileError
 from ..types import Problem
 from .columns import Quantities
-from .conventions import ANGLES, LENGTHS, Reading
-from .reading import Motion, Origin, differentiate, differentiate_rotations
+from .conventions import Reading
+from .reading import ROUNDING, Motion, Origin, differentiate, differentiate_rotations
+from .rows import describe_rest, is_late, reach_until, say_norms
 
+SMALL = 1e-4  # of the size: a start that is off by less may be meant
 DIGITS = 4.0  # times half a unit of the last digit: products of printed numbers
 ROUNDED = 1e-9  # of 1 + the size: of data in float64
+MOST = 20  # names of columns in a note
 APART = 0.05  # of the largest: velocities against differences of poses
 QUANTITIES = {  # name, unit, and the options that say how its columns are read
     "r": ("positions of the centre of mass", "m", ("length",)),
@@ -25,32 +28,32 @@ def check_motion(
     problem: Problem, found: Quantities, how: Reading, motion: Motion, path: Path, tolerance: float | None
 ) -> list[str]:
     """FileError where the file does not start as the problem does; notes on what is odd but may be the run's."""
+    if motion.t[0] > 0.0 and not is_late(motion.t):
+        raise FileError(f"{path}: its first row is at t = {motion.t[0]:.9g} s and must be the start, t = 0; "
+                        f"mbsbench export {problem.name} has it")  # fmt: skip
     for name in QUANTITIES:
         if motion.origin[name] is Origin.FILE:
             _check_start(problem, found, how, motion, name, path, tolerance)
-    notes = [f"not read: {', '.join(found.unread)}"] if found.unread else []
+    more = f" and {len(found.unread) - MOST} more" if len(found.unread) > MOST else ""
+    notes = [*found.notes, f"not read: {', '.join(found.unread[:MOST])}{more}"] if found.unread else [*found.notes]
+    notes += say_norms(found) + describe_rest(motion.t, problem.t_end)
+    if motion.t[0] > 0.0:
+        notes.append(f"its first row is at t = {motion.t[0]:.6g} s: the start of {problem.name} was put before it")
     if "E" in found.quantities and how.euler == "none" and not {"q", "R"} & found.quantities.keys():
         notes.append("not read: Euler angles; --euler gives the order of their axes")
     rates = {
         "v": lambda: differentiate(motion.t, motion.r),
         "Omega": lambda: None if motion.R is None else differentiate_rotations(motion.t, motion.R),
     }
+    spacing = float(np.min(np.diff(motion.t), initial=np.inf))
+    rounding = {"v": ROUNDING * float(np.max(np.abs(motion.r))) / spacing, "Omega": ROUNDING / spacing}
     for name, differences in rates.items():
-        if motion.origin[name] is Origin.FILE and (off := _share_apart(getattr(motion, name), differences())) > APART:
+        if motion.origin[name] is not Origin.FILE:
+            continue
+        if (off := _share_apart(getattr(motion, name), differences(), rounding[name])) > APART:
             words = f"{QUANTITIES[name][0]} are off by {100.0 * off:.3g} % from the rates of the poses in the file"
             notes.append(f"{words} ({_describe_options(how, name)})")
     return notes
-
-
-def check_times(found: Quantities, seconds: float, path: Path) -> None:
-    """FileError unless times increase; ``seconds``: of a unit of time in the file."""
-    t = seconds * found.t
-    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
-        bad = int(np.argmax(~(np.diff(t) > 0.0)))
-        raise FileError(
-            f"{path}: times must increase (rows {bad + 1} and {bad + 2} have t = {t[bad]:.9g} and {t[bad + 1]:.9g} s); "
-            "write them with more digits"
-        )
 
 
 def _check_start(
@@ -59,14 +62,15 @@ def _check_start(
     given, exact = getattr(motion, name)[0], getattr(problem.initial, name)
     gap = np.abs(given - exact).reshape(len(exact), -1)
     first = {k: np.max(a[0], axis=1, keepdims=True) for k, a in found.resolution.items()}
-    angles = 2.0 * ANGLES[how.angle] * first.get("E", 0.0)  # about two axes each entry of R may turn
+    angles = 2.0 * found.factor("E", how) * first.get("E", 0.0)  # about two axes each entry of R may turn
     turn = 2.0 * first["q"] if "q" in first else first.get("R", angles)
+    turned = turn * np.max(np.abs(exact)) if how.omega == "space" else 0.0
     printed = {
-        "R": turn, "r": LENGTHS[how.length] * first["r"], "v": LENGTHS[how.length] * first.get("v", 0.0),
-        "Omega": first.get("Omega", 0.0) + turn * (np.max(np.abs(exact)) if how.omega == "space" else 0.0),
+        "R": turn, "r": found.factor("r", how) * first["r"], "v": found.factor("v", how) * first.get("v", 0.0),
+        "Omega": found.factor("Omega", how) * first.get("Omega", 0.0) + turned,
     }[name]  # fmt: skip
     most = DIGITS * printed + ROUNDED * (1.0 + np.max(np.abs(exact))) if tolerance is None else tolerance
-    allowed = np.broadcast_to(most, gap.shape)
+    allowed = np.broadcast_to(most + reach_until(problem, float(motion.t[0]))[name], gap.shape)
     if np.all(gap <= allowed):
         return
     body = int(np.argmax(np.max(gap / allowed, axis=1)))
@@ -76,7 +80,23 @@ def _check_start(
         f"{float(np.max(gap[body])):.3g}{' ' * bool(unit)}{unit} from the start of {problem.name}, expected at most "
         f"{float(np.max(allowed[body])):.2g}; check the columns and {_describe_options(how, name)}; "
         f"mbsbench export {problem.name} has the start"
+        + (
+            f"; --start-tolerance {_round_up(gap[body])} takes it as it is"
+            if np.max(gap) < SMALL * _size(exact)
+            else ""
+        )
     )
+
+
+def _size(exact: np.ndarray) -> float:
+    return max(1.0, float(np.max(np.abs(exact))))
+
+
+def _round_up(gap: np.ndarray) -> str:
+    """The largest of ``gap``, rounded up to one digit."""
+    largest = float(np.max(gap))
+    power = 10.0 ** np.floor(np.log10(largest))
+    return f"{np.ceil(largest / power) * power:.1g}"
 
 
 def _describe_options(how: Reading, name: str) -> str:
@@ -84,10 +104,10 @@ def _describe_options(how: Reading, name: str) -> str:
     return ", ".join(f"--{n} {getattr(how, n)}" for n in QUANTITIES[name][2])
 
 
-def _share_apart(given: np.ndarray, exact: np.ndarray | None) -> float:
-    """The largest difference of velocities over the largest of them; zero where it is not known."""
+def _share_apart(given: np.ndarray, exact: np.ndarray | None, least: float) -> float:
+    """The largest difference of velocities over the largest of them; zero where it is not known, or all rounding."""
     if exact is None or not np.all(np.isfinite(given)):
         return 0.0
     inside = slice(2, -2)
     size = float(np.max(np.abs(exact[inside])))
-    return float(np.max(np.abs(given - exact)[inside])) / size if size > 0.0 else 0.0
+    return float(np.max(np.abs(given - exact)[inside])) / size if size > least else 0.0

@@ -2,19 +2,20 @@
 
 Arrays by name, ``r`` (nt, nb, 3) or (nt, 3 nb), or one column a number: ``r_x``, ``r2_x``, ``x2``, ``body2.r.x``,
 ``q0`` to ``q3`` or ``qw`` to ``qz``, ``R11`` to ``R33``, ``phi``, ``theta``, ``psi``; bodies by number (from 1, or
-from 0) or by name.
+from 0) or by name. A unit in brackets, or in a row of units, is used or refused; a number in brackets is an index.
 """
 
 import itertools
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ..catalogue.options import nearest
 from ..files import FileError
+from .conventions import ANGLES, LENGTHS, TIMES, Reading, factor_of
 from .tables import Table
 
 
@@ -45,28 +46,45 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Quantities:
-    """Quantities in a table, (nt, nb, .) each, their resolution in the same shape, and unused columns."""
+    """Quantities in a table, (nt, nb, .) each, their resolution in the same shape, and unused columns.
+
+    Those in ``units`` are in SI already, from the unit that the file gives.
+    """
 
     t: Float[np.ndarray, " nt"]
     quantities: Mapping[str, np.ndarray]
     resolution: Mapping[str, np.ndarray]
     unread: tuple[str, ...]
     numbered: bool  # quaternions of columns 0 to 3, or an array: their order is not in the names
+    units: Mapping[str, str] = field(default_factory=dict)
+    angles: tuple[str, ...] = ()  # names of Euler angles in the order of their columns
+    notes: tuple[str, ...] = ()
+
+    def factor(self, name: str, how: Reading) -> float:
+        """SI units in one of the quantity: 1 where the file gives the unit, else by the options."""
+        if name in self.units:
+            return 1.0
+        return {"t": TIMES[how.time], "r": LENGTHS[how.length], "v": LENGTHS[how.length], "E": ANGLES[how.angle],
+                "Omega": ANGLES[how.angle]}[name]  # fmt: skip
 
 
 def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[str, str]) -> Quantities:
     """The quantities of ``table``, or FileError naming what is missing; ``renamed``: our names by theirs."""
-    for theirs in renamed:
-        if theirs not in table.columns:
-            raise FileError(f"{table.path}: no column {theirs!r}{nearest(theirs, list(table.columns))}")
-    columns = {_normalize_name(renamed.get(k, k)): a for k, a in table.columns.items()}
-    resolution = {_normalize_name(renamed.get(k, k)): a for k, a in table.resolution.items()}
+    for asked in renamed:
+        if asked not in table.columns:
+            raise FileError(f"{table.path}: no column {asked!r}{nearest(asked, list(table.columns))}")
+    theirs: dict[str, list[str]] = {}  # names in the file by ours
+    for k in table.columns:
+        theirs.setdefault(_normalize_name(renamed.get(k, k)), []).append(k)
+    columns = {ours: table.columns[k[-1]] for ours, k in theirs.items()}
+    resolution = {ours: table.resolution[k[-1]] for ours, k in theirs.items()}
     time = next((k for k in ("t", "time") if k in columns), None)
     if time is None:
         raise FileError(f"{table.path}: no column t or time; its columns: {', '.join(table.columns)}")
     nb, nt = len(body_names), len(columns[time])
     quantities, coarse, numbered = {}, {}, False
-    used: set[str] = {time}
+    angles: tuple[str, ...] = ()
+    used: dict[str, list[str]] = {"t": [time]}
     for name, quantity in QUANTITIES.items():
         width = len(quantity.components)
         whole = next(
@@ -76,29 +94,85 @@ def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[
             quantities[name] = _reshape(columns[whole], nb, width)
             coarse[name] = _reshape(resolution[whole], nb, width)
             numbered |= name == "q"
-            used.add(whole)
+            used[name] = [whole]
             continue
-        keys, spelling = _find_columns(quantity, body_names, set(columns) - used)
+        keys, spelling = _find_columns(quantity, body_names, set(columns) - {k for some in used.values() for k in some})
         if not keys:
             continue
+        if name == "E":
+            keys, angles = _in_file_order(keys, [*columns], table)
         quantities[name] = np.stack([columns[k] for k in keys], axis=1).reshape(nt, nb, width)
         coarse[name] = np.stack([resolution[k] for k in keys], axis=1).reshape(nt, nb, width)
         numbered |= name == "q" and spelling > 0
-        used |= {*keys}
+        used[name] = keys
     if "r" not in quantities:
         wanted = "r_x, r_y, r_z" if nb == 1 else f"r1_x, r1_y, r1_z to r{nb}_z"
         raise FileError(
             f"{table.path}: no positions of {'the body' if nb == 1 else f'all {nb} bodies'}: expected {wanted}, or "
             f"--columns r_x=THEIRS,...; its columns: {', '.join(itertools.islice(table.columns, 20))}"
         )
-    unread = tuple(k for k in table.columns if _normalize_name(renamed.get(k, k)) not in used)
-    return Quantities(columns[time], quantities, coarse, unread, numbered)
+    for keys in used.values():
+        for k in keys:
+            if len(theirs[k]) > 1:
+                raise FileError(
+                    f"{table.path}: columns {', '.join(map(repr, theirs[k]))} are all read as {k}; rename one"
+                )
+    t, units = columns[time], dict[str, str]()
+    for name, keys in used.items():
+        unit, factors = _read_units(table, name, [theirs[k][0] for k in keys])
+        if not unit:
+            continue
+        units[name] = unit
+        if name == "t":
+            t = t * factors[0]
+        else:
+            each = np.array(factors).reshape(nb, -1) if len(factors) > 1 else factors[0]
+            quantities[name], coarse[name] = quantities[name] * each, coarse[name] * each
+    known = {k for keys in used.values() for k in keys}
+    unread = tuple(k for k in table.columns if _normalize_name(renamed.get(k, k)) not in known)
+    return Quantities(t, quantities, coarse, unread, numbered, units, angles, table.notes)
+
+
+def _read_units(table: Table, name: str, names: list[str]) -> tuple[str, list[float]]:
+    """The unit that the file gives a quantity, and what each of its columns is multiplied by; or FileError."""
+    given = [table.units.get(k) or split_name(k)[1] for k in names]
+    if table.angle and not any(given):
+        given = [{"E": table.angle, "Omega": f"{table.angle}/s"}.get(name, "")] * len(names)
+    if not any(given):
+        return "", []
+    factors = list[float]()
+    for k, unit in zip(names, given, strict=True):
+        if (factor := factor_of(unit, name)) is None:
+            words = "time" if name == "t" else QUANTITIES[name].unit
+            said = f"{unit!r} is not known as a unit of it" if unit else "it has no unit, others of it have one"
+            raise FileError(
+                f"{table.path}: column {k!r}, read as {words}: {said}; rename it: --columns OURS=THEIRS,..."
+            )
+        factors.append(factor)
+    return next(filter(None, given)), factors
+
+
+def _in_file_order(keys: list[str], known: list[str], table: Table) -> tuple[list[str], tuple[str, ...]]:
+    """Euler angles of each body in the order of their columns, with the names that the first body gives them."""
+    bodies = [keys[k : k + 3] for k in range(0, len(keys), 3)]
+    orders = {tuple(np.argsort([known.index(k) for k in body])) for body in bodies}
+    if len(orders) > 1:
+        raise FileError(f"{table.path}: the Euler angles of its bodies are in different orders")
+    (order,) = orders
+    names = [next((c for c in ("roll", "pitch", "yaw") if c in k), k) for k in bodies[0]]
+    return [body[k] for body in bodies for k in order], tuple(names[k] for k in order)
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """The name of a column without its unit, and the unit in brackets; a number in brackets is an index."""
+    bare = re.sub(r"[\[(]\s*(\d+(?:\s*,\s*\d+)*)\s*[\])]", lambda m: "_" + re.sub(r"\D", "", m[1]), name)
+    units = re.findall(r"[\[(]([^\])]*)[\])]", bare)
+    return re.sub(r"[\[(][^\])]*[\])]", "", bare).strip(), (units[-1].strip() if units else "")
 
 
 def _normalize_name(name: str) -> str:
     """The name without units in brackets, punctuation and, but for a matrix R, capitals."""
-    bare = re.sub(r"[\[(][^\])]*[\])]", "", name).strip()
-    plain = re.sub(r"[^0-9a-zA-Z]+", "_", bare).strip("_")
+    plain = re.sub(r"[^0-9a-zA-Z]+", "_", split_name(name)[0]).strip("_")
     return plain if plain == "R" else plain.lower()
 
 

@@ -1,12 +1,18 @@
 """Units, orders and frames that the columns of a file may have."""
 
 import math
+import re
 from dataclasses import dataclass
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 TIMES = {"s": 1.0, "ms": 1e-3}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 SEQUENCES = ("XYZ", "XZY", "YXZ", "ZXZ", "ZYX", "ZYZ")  # of axes that turn with the body; small: fixed in space
+OF_LENGTH = LENGTHS | {"km": 1e3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9}  # in headers
+OF_TIME = TIMES | {"sec": 1.0, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0}
+OF_ANGLE = ANGLES | {"°": math.pi / 180.0, "degree": math.pi / 180.0, "degrees": math.pi / 180.0, "radian": 1.0,
+                     "radians": 1.0, "mrad": 1e-3}  # fmt: skip
+NONE = ("", "-", "1", "--")  # a number without a unit
 
 
 @dataclass(frozen=True)
@@ -27,3 +33,28 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "rotation": ("body-to-space", "space-to-body"), "omega": ("body", "space"),
     "euler": ("none", *SEQUENCES, *(x.lower() for x in SEQUENCES)),
 }  # fmt: skip
+OF_QUANTITY = {"t": (OF_TIME, False), "r": (OF_LENGTH, False), "E": (OF_ANGLE, False), "v": (OF_LENGTH, True),
+               "Omega": (OF_ANGLE, True), "q": ({}, False), "R": ({}, False)}  # fmt: skip
+
+
+def factor_of(unit: str, quantity: str) -> float | None:
+    """A unit of a header in SI, where it is one of ``quantity``; 1 of a number without unit where it has none."""
+    known, per_time = OF_QUANTITY[quantity]
+    spelt = unit.strip().replace(" ", "")
+    if not known:
+        return 1.0 if spelt in NONE else None
+    if not per_time:
+        return known.get(spelt)
+    if quantity == "Omega" and spelt.lower() in ("rpm", "1/min"):
+        return 2.0 * math.pi / 60.0
+    match = re.fullmatch(r"(\S+?)\s*(?:/\s*\(?(\w+)\)?|[\s.*·]\s*(\w+?)(?:\^?\(?-1\)?|⁻¹))", unit.strip())
+    per = (match[2] or match[3]) if match else ""
+    if match is None or match[1] not in known or per not in OF_TIME:
+        return None
+    return known[match[1]] / OF_TIME[per]
+
+
+def is_unit(text: str) -> bool:
+    """Whether a field of a row says the unit of a column."""
+    bare = text.strip().strip("[]()").strip()
+    return bare in NONE or any(factor_of(bare, quantity) is not None for quantity in OF_QUANTITY)

@@ -33,7 +33,7 @@ def describe_problem(problem: Problem) -> dict[str, Any]:
     torsions = [
         {"i": s.torsion_i[k], "across_i": s.torsion_u[k], "j": s.torsion_j[k], "axis_j": np.cross(*s.torsion_n[k]),
          "across_j": s.torsion_n[k, 0], "stiffness": s.torsion_k[k], "rest_angle": s.torsion_rest[k],
-         "damping": s.torsion_c[k]}
+         "damping": s.torsion_c[k], "turns": s.torsion_wound[k] / (2.0 * np.pi)}
         for k in range(len(s.torsion_k))
     ]  # fmt: skip
     loads = [

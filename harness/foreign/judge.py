@@ -27,11 +27,12 @@ from ..results.words import LAWS
 from ..suites.spec import RunSpec
 from ..types import Law, Problem, Status, StepControl, Trajectory
 from . import fmu
-from .checks import check_motion, check_times
+from .checks import check_motion
 from .columns import Quantities, find_quantities
-from .conventions import TIMES, Reading
+from .conventions import Reading
 from .determinacy import Determined, find_determined, judge_again, measure_uncertainty
 from .reading import Motion, Origin, perturb_roundings, read_motion
+from .rows import begin_at_start, check_euler, check_units, clean_rows
 from .tables import READERS, Table, read_table
 
 NAME = re.compile(r"[A-Za-z][\w.+-]*")
@@ -115,10 +116,12 @@ def _read_file(problem: Problem, path: Path, given: FileSettings) -> tuple[Table
     else:
         table = read_table(path, positional, renamed)
     found = find_quantities(table, problem.system.body_names, renamed)
-    check_times(found, TIMES[given.reading.time], path)
+    check_units(found, given.reading, path)
+    check_euler(found, given.reading, path)
+    found = clean_rows(found, given.reading, path)
     motion = read_motion(found, given.reading)
     notes = check_motion(problem, found, given.reading, motion, path, given.tolerance)
-    return table, found, motion, notes
+    return table, found, begin_at_start(problem, motion), notes
 
 
 def open_results(folder: Path) -> Path:
@@ -183,7 +186,7 @@ def _measure_uncertainty(
         return {}
 
     def read(table: Quantities, degree: int) -> list[Trajectory]:
-        other = read_motion(table, how, degree)
+        other = begin_at_start(problem, read_motion(table, how, degree))
         alike = all((getattr(other, k) is None) == (getattr(motion, k) is None) for k in ("R", "v", "Omega"))
         return [_build_trajectory(problem, other, path, missing)] if alike else []
 

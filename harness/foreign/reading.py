@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from .columns import Quantities
-from .conventions import ANGLES, LENGTHS, TIMES, Reading
+from .conventions import Reading
 
 SOUND = 0.01  # of the largest speed: differences of third and fifth degree must agree so far
+ROUNDING = 64.0 * np.finfo(float).eps  # of positions, over a step
 FEWEST = 8  # rows for a difference
 
 
@@ -36,10 +37,10 @@ class Motion:
 
 def read_motion(found: Quantities, how: Reading, degree: int = 5) -> Motion:
     """Read the motion as ``how`` says; missing rates are those of splines of ``degree``."""
-    t, has = TIMES[how.time] * found.t, found.quantities
-    r = LENGTHS[how.length] * has["r"]
+    t, has = found.factor("t", how) * found.t, found.quantities
+    r = found.factor("r", how) * has["r"]
     R = read_rotations(found, how)
-    v = None if "v" not in has else LENGTHS[how.length] * has["v"]
+    v = None if "v" not in has else found.factor("v", how) * has["v"]
     Omega = read_angular_velocities(found, how, R)
     origin = {k: Origin.FILE for k, a in (("r", r), ("R", R), ("v", v), ("Omega", Omega)) if a is not None}
     if v is None and (v := differentiate(t, r, degree)) is not None:
@@ -64,7 +65,7 @@ def read_rotations(found: Quantities, how: Reading) -> Float[np.ndarray, "nt nb 
     elif "R" in found.quantities:
         R = found.quantities["R"].reshape(*found.quantities["R"].shape[:2], 3, 3)
     elif "E" in found.quantities and how.euler != "none":
-        angles = ANGLES[how.angle] * found.quantities["E"]
+        angles = found.factor("E", how) * found.quantities["E"]
         known = np.all(np.isfinite(angles), axis=-1)
         R = np.full((*angles.shape[:2], 3, 3), np.nan)
         R[known] = Rotation.from_euler(how.euler, angles[known]).as_matrix()
@@ -79,7 +80,7 @@ def read_angular_velocities(
     """Omega [rad/s], body frame."""
     if "Omega" not in found.quantities:
         return None
-    given = ANGLES[how.angle] * found.quantities["Omega"]
+    given = found.factor("Omega", how) * found.quantities["Omega"]
     if how.omega == "body":
         return given
     return None if R is None else np.einsum("tbji,tbj->tbi", R, given)
@@ -93,7 +94,8 @@ def differentiate(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"],
         return None
     fine, coarse = (make_interp_spline(t, a, k=k).derivative()(t) for k in (5, 3))
     inside = slice(2, -2)  # the ends of a spline are poorer, and the start is known
-    sound = np.max(np.abs(fine - coarse)[inside]) <= SOUND * np.max(np.abs(fine))
+    rounding = ROUNDING * np.max(np.abs(a)) / np.min(np.diff(t))  # of what stays where it is
+    sound = np.max(np.abs(fine - coarse)[inside]) <= max(SOUND * np.max(np.abs(fine)), rounding)
     return {5: fine, 3: coarse}[degree] if sound else None
 
 

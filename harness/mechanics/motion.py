@@ -91,7 +91,7 @@ def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     dt = REACH / max(rates)
 
     def ahead(h: float) -> States:
-        return States(s.r + h * s.v, s.R @ so3.exp(h * s.Omega), s.v, s.Omega, s.times + h)
+        return States(s.r + h * s.v, s.R @ so3.exp(h * s.Omega), s.v, s.Omega, s.times + h, s.angles)
 
     shifted = (c * constraint_rate(system, ahead(x * dt)) for x, c in zip(PLACES, DIFFERENCE, strict=True))
     out: np.ndarray = sum(shifted) / dt

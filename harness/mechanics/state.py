@@ -35,6 +35,7 @@ class States:
     v: Float[np.ndarray, "nt nb 3"]
     Omega: Float[np.ndarray, "nt nb 3"]
     t: Float[np.ndarray, " nt"] | None = None  # [s]; without them all are at t = 0
+    angles: Float[np.ndarray, "nt m"] | None = None  # [rad] of torsional springs, where poses leave their turns open
 
     def __post_init__(self) -> None:
         nt, nb = self.r.shape[:2]
@@ -51,7 +52,11 @@ class States:
 
     def with_times(self, t: Float[np.ndarray, " nt"]) -> "States":
         """The same poses and velocities at the times ``t``."""
-        return States(self.r, self.R, self.v, self.Omega, t)
+        return States(self.r, self.R, self.v, self.Omega, t, self.angles)
+
+    def with_angles(self, angles: Float[np.ndarray, "nt m"]) -> "States":
+        """The same motion with angles of torsional springs, right but for less than half a turn."""
+        return States(self.r, self.R, self.v, self.Omega, self.t, angles)
 
     def __len__(self) -> int:
         return len(self.r)
@@ -66,7 +71,8 @@ class States:
 
     def at(self, index: np.ndarray | slice) -> "States":
         """The rows ``index`` of time."""
-        return States(self.r[index], self.R[index], self.v[index], self.Omega[index], self.times[index])
+        angles = None if self.angles is None else self.angles[index]
+        return States(self.r[index], self.R[index], self.v[index], self.Omega[index], self.times[index], angles)
 
     @staticmethod
     def one(state: State) -> "States":
@@ -77,7 +83,7 @@ class States:
 def rotate_states(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
     """The same motion in a space rotated by ``Q``; Omega, in the body frame, stays."""
     R = (s.R.reshape(-1, 9) @ np.kron(Q, np.eye(3)).T).reshape(s.R.shape)  # Q R, of all at once
-    return States(s.r @ Q.T, R, s.v @ Q.T, s.Omega, s.t)
+    return States(s.r @ Q.T, R, s.v @ Q.T, s.Omega, s.t, s.angles)
 
 
 def _check_and_freeze(self: object, shapes: dict[str, tuple[int, ...]]) -> None:

@@ -82,6 +82,7 @@ class MultibodySystem:
     torsion_k: Float[np.ndarray, " nr"]
     torsion_rest: Float[np.ndarray, " nr"]
     torsion_c: Float[np.ndarray, " nr"]
+    torsion_wound: Float[np.ndarray, " nr"]  # [rad] added to the angle within half a turn of rest
 
     load_i: Int[np.ndarray, " nl"]
     load_p: Float[np.ndarray, "nl 3"]
@@ -281,6 +282,7 @@ def assemble(
         torsion_k=freeze_array([s.stiffness for s in torsions], (len(torsions),)),
         torsion_rest=freeze_array([s.rest_angle for s in torsions], (len(torsions),)),
         torsion_c=freeze_array([s.damping for s in torsions], (len(torsions),)),
+        torsion_wound=freeze_array([2.0 * np.pi * s.turns for s in torsions], (len(torsions),)),
         load_i=freeze_array([f.i for f in loads], (len(loads),), np.int64),
         load_p=freeze_array([f.point for f in loads], (len(loads), 3)),
         load_force=freeze_array([f.force for f in loads], (len(loads), 3)),

@@ -79,3 +79,14 @@ def in_units(
 def varies(numbers: Float[np.ndarray, "m 7"]) -> np.ndarray:
     """Which of the functions are not constant (m,)."""
     return np.any(numbers[:, 1:4] != 0.0, axis=1) | ((numbers[:, 4] != 0.0) & (numbers[:, 5] != 0.0))
+
+
+def shift(numbers: Float[np.ndarray, "m 7"], t: float) -> Float[np.ndarray, "m 7"]:
+    """The functions f(t + .), as numbers again."""
+    c = numbers[:, :4].T
+    out = np.array(numbers, dtype=float)
+    out[:, 0] = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
+    out[:, 1] = c[1] + t * (2.0 * c[2] + 3.0 * t * c[3])
+    out[:, 2] = c[2] + 3.0 * t * c[3]
+    out[:, 6] = numbers[:, 6] + t * numbers[:, 5]
+    return out

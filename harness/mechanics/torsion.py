@@ -3,15 +3,18 @@
     theta = atan2(u . b, u . e),  e = across_j, b = axis x e in j, u = across_i in i
     m = (p u x b - q u x e) / (p^2 + q^2),  p = u . e, q = u . b:   theta_dot = m . (omega_i - omega_j)
 
-The torque on i is -(k (theta - theta_0) + c theta_dot) m, the opposite on j; m is the axis where u is normal to it. The
-angle is taken within half a turn of theta_0: beyond it a spring would jump.
+The torque on i is -(k (theta - theta_0) + c theta_dot) m, the opposite on j; m is the axis where u is normal to it.
+A pose tells the angle but for whole turns: it is taken within half a turn of theta_0, with what the system says that
+the spring is wound by there; ``follow_turns`` gives the states of a motion their angles from row to row.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from .ends import times, turn_vectors, with_ground
-from .state import States
+from .state import State, States
 from .system import MultibodySystem
 
 
@@ -27,4 +30,49 @@ def torsion(
     omega = with_ground(times(s.R, s.Omega), np.zeros(3))
     angle = np.arctan2(q, p) - system.torsion_rest
     wound = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+    wound = wound + system.torsion_wound
+    if s.angles is not None:
+        wound = wound + 2.0 * np.pi * np.round((s.angles - wound) / (2.0 * np.pi))
     return wound, np.sum(m * (omega[:, i] - omega[:, j]), axis=-1), m
+
+
+def follow_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> States:
+    """The motion with its springs' angles counted through all turns, where they leave half a turn about rest.
+
+    From row to row an angle changes as its rates say, but for whole turns.
+    """
+    angles = count_turns(system, t, s)
+    return s if angles is None else s.with_angles(angles)
+
+
+def count_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> Float[np.ndarray, "nt m"] | None:
+    """theta - theta_0 at each row, counted from the first; None where no row leaves half a turn about rest."""
+    if not len(system.torsion_k) or len(t) < 2:
+        return None
+    with np.errstate(all="ignore"):
+        angle, rate, _ = torsion(system, s)
+        change = 0.5 * np.diff(t)[:, None] * (rate[1:] + rate[:-1])
+        turns = np.nan_to_num(np.round((change - np.diff(angle, axis=0)) / (2.0 * np.pi)), posinf=0.0, neginf=0.0)
+    if not np.any(turns):
+        return None
+    return angle + 2.0 * np.pi * np.concatenate((np.zeros((1, turns.shape[1])), np.cumsum(turns, axis=0)))
+
+
+def count_right(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> int:
+    """How many rows the system's own law holds for: until a spring with stiffness leaves half a turn about rest."""
+    angles = count_turns(system, t, s) if np.any(system.torsion_k) else None
+    if angles is None:
+        return len(t)
+    beyond = np.abs(angles - torsion(system, s)[0])[:, system.torsion_k > 0.0] > np.pi
+    rows = np.flatnonzero(np.any(beyond, axis=1))
+    return int(rows[0]) if len(rows) else len(t)
+
+
+def wind(system: MultibodySystem, here: State) -> MultibodySystem:
+    """The same springs with laws that hold within half a turn of the angles that they have ``here``."""
+    angle = torsion(system, States.one(here))[0][0]
+    bare = replace(system, torsion_wound=np.zeros_like(angle))
+    pose = torsion(bare, States.one(here))[0][0] + system.torsion_rest
+    for a in (angle, pose):
+        a.setflags(write=False)
+    return replace(system, torsion_rest=pose, torsion_wound=angle)

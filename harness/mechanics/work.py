@@ -140,7 +140,7 @@ def _advance(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> St
     x = dt[:, None, None]
     with np.errstate(all="ignore"):  # what explodes is not finite, and its error says so
         R = a.R @ so3.exp(np.nan_to_num(x * middle.Omega, posinf=0.0, neginf=0.0))
-    return States(a.r + x * middle.v, R, a.v + x * rates[..., :3], a.Omega + x * rates[..., 3:], a.times + dt)
+    return States(a.r + x * middle.v, R, a.v + x * rates[..., :3], a.Omega + x * rates[..., 3:], a.times + dt, a.angles)
 
 
 def _extrapolate(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -193,7 +193,8 @@ def interpolate_steps(s: States, h: Float[np.ndarray, " steps"], x: float) -> St
     r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
     turn = so3.log(np.swapaxes(s.R[:-1], -1, -2) @ s.R[1:])
     theta, rate = _cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.dexpinv(turn, s.Omega[1:]), dt, x)
-    return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate), s.times[:-1] + x * h)
+    angles = None if s.angles is None else (1.0 - x) * s.angles[:-1] + x * s.angles[1:]
+    return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate), s.times[:-1] + x * h, angles)
 
 
 def _cubic(a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h: np.ndarray, x: float) -> tuple:

@@ -14,6 +14,7 @@ from ..mechanics import so3
 from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, energy, measure_gaps
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
+from ..mechanics.torsion import follow_turns
 from ..mechanics.work import work
 from ..reference.computation import reference_of
 from ..types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Trajectory
@@ -110,10 +111,11 @@ def _judge_laws(
 ) -> tuple[Judged, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
     """With T + V, its drift, the norm of Eq. (81), |phi|, |phi_dot|, and how many steps have unknown work."""
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
-    some = (states_of(s.at(k), bodies) for k in blocks(len(t), len(bodies)))
+    s = follow_turns(system, t, states_of(s, bodies))
+    some = (s.at(k) for k in blocks(len(t), len(bodies)))
     parts = [(*_laws(system, b), measure_reach(system, start, b)) for b in some]
     E, phi, phi_dot, gap, gap_rate, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
-    done, unsure, unknown = work(system, t, states_of(s, bodies), E)
+    done, unsure, unknown = work(system, t, s, E)
     drift = E - E[0] - done
     drift = np.sign(drift) * np.maximum(np.abs(drift) - unsure, 0.0)  # what is certain of it
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
@@ -169,7 +171,8 @@ def _against_reference(
 ) -> dict:
     if reference is None:
         return {}
-    t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
+    t = np.asarray(trajectory.t, dtype=float)
+    s = follow_turns(problem.system, t, trajectory.states)
     n = count_covered(reference, t)
     names = ("position_error", "orientation_error", "motion_error", "velocity_error", "angular_velocity_error",
              "rate_error", "reference_own_error")  # fmt: skip
@@ -249,7 +252,14 @@ def _reaction_error(
     if not np.any(known):
         return {}
     at = t[rows[known]]
-    exact = exact_pull_on_bodies(system, reference.states, at)
+
+    def motion(x: np.ndarray) -> States:
+        there = reference.states(x)
+        if s.angles is None:
+            return there
+        return there.with_angles(np.array([np.interp(x, t, a) for a in s.angles.T]).T)
+
+    exact = exact_pull_on_bodies(system, motion, at)
     out: dict[str, float] = {}
     for name, pull in (("reaction_error", found[known] - exact), ("reaction_size", exact)):
         worst = np.max(np.linalg.norm(pull, axis=2), axis=1)

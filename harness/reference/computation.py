@@ -24,6 +24,7 @@ from ..mechanics import added_inertia, fixed_order, time_functions, user_forces
 from ..mechanics.kept_code import Unknown, digest_of
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
+from ..mechanics.torsion import count_right, torsion, wind
 from ..types import Problem, Reference
 from . import orbit
 from .collocation import Collocation, jacobian
@@ -43,6 +44,8 @@ LARGEST = 40.0  # [s] by the cost model, for route 2 alone
 DAMPED = 10.0  # evaluations of either explicit route over the time 1 / |eigenvalue|, measured on the governor
 INVERSE = 1.5e-9  # [s] for the matrices of a step by collocation, of n^3
 CHUNK = 16  # steps of route 2 between two projections
+WINDING = 2.0  # [rad] by which a spring that has left half a turn may wind over a chunk, at the rate of its start
+TRIES = 12  # of a chunk over which springs wind by more than half a turn, each half as long
 SHORT = 4  # the same where rows are redundant: those in use, chosen there, may come to depend on each other
 
 
@@ -170,14 +173,14 @@ class _Motion:
     left: float  # [s] of the budget
     first: NewtonEuler = field(init=False)
     second: Directors = field(init=False)
+    given: MultibodySystem = field(init=False)  # the system of both routes now
     frequency: float = field(init=False)  # [rad/s] of drives and loads
     reach: float = 0.0
     stiff: bool = False  # of the motion on its way
 
     def __post_init__(self) -> None:
-        self.first, self.second = NewtonEuler(self.system), Directors(self.system)
-        self.first.compile()
-        self.second.compile()
+        self.given = replace(self.system)  # none of which routes are made yet
+        self._take(self.system)
         self.radius = self.system.gyration
         sines = [a[a[:, 4] != 0.0, 5] for a in (self.system.joint_motion, self.system.load_factor)]
         self.frequency = float(np.max(np.abs(np.concatenate(sines)), initial=0.0))
@@ -185,32 +188,77 @@ class _Motion:
 
     def pieces(self, tolerance: float, correction: float) -> Iterator[Piece]:
         """Chunks of about ``CHUNK`` steps, both states made consistent after each; ends where a route fails."""
-        c_first, c_second = cost(self.system)
-        first, second = self._charge(self.first.rate, c_first), self._charge(self.second.rate, c_second)
         try:
+            self._take(self.system)
             y, z = self.first.project_state(self.first.start(self.start)), self.second.start(self.start)
-            pair = Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
+            first, second, pair = self._pair(y, z)
             begin, speed, turn, self.reach = self.first.states(y[None]), 0.0, 0.0, 0.0
-            t, span = 0.0, self.t_end
+            t, span, tries = 0.0, self.t_end, 0
             self.stiff = self.is_stiff(y)
             routes = self._collocations(first, second, len(y) + len(z)) if self.stiff else None
             while t < self.t_end:
                 most = CHUNK if len(self.first.rows) == self.first.nrows else SHORT
                 speed, turn = self._speeds(y, speed, turn)
-                span = min(self.t_end - t, 4.0 * span if t else 0.25 / turn)
+                span = min(self.t_end - t, 4.0 * span if t else 0.25 / turn * 0.5**tries)
                 where = max(self.size, 0.1 * float(np.max(np.abs(y[: 3 * self.system.nb]))))
                 units = (where, speed, turn)
                 both = self.first.units(*units), self.second.units(*units)
-                if routes:
-                    piece = orbit.stiff_chunk(pair, routes, (t, y, z), span, tolerance, tolerance, both)
-                else:
-                    piece = orbit.chunk(pair, (t, y, z), span, tolerance, correction, both, most)
-                t, span = piece.t, min(span, most / 4.0 * span / len(piece.nodes))
+                span, left = min(span, self._whole_law(y)), self.left
+                try:
+                    piece = self._chunk(pair, routes, (t, y, z), span, (tolerance, correction), both, most)
+                except ArithmeticError:
+                    if self.left < 0.0 or tries == TRIES or not np.any(self.given.torsion_k):
+                        raise
+                    piece = None
+                if piece is None or not self._holds(piece):  # a spring winds on: again, with a law about where it is
+                    tries, self.left = tries + 1, left  # the budget is for the motion, and tries are few
+                    span *= 0.25 * 0.5 ** (tries - 1)  # of which four times is tried
+                    self._take(wind(self.given, self.first.states(y[None])[0]))
+                    y, z = self.first.project_state(y), self.second.project_state(z)
+                    first, second, pair = self._pair(y, z)
+                    routes = self._collocations(first, second, len(y) + len(z)) if self.stiff else None
+                    continue
+                t, span, tries = piece.t, min(span, most / 4.0 * span / len(piece.nodes)), 0
                 self.reach = max(self.reach, self._apart(begin, self.first.states(piece.y[None])))
                 yield piece
                 y, z = self.first.project_state(piece.y), self.second.project_state(piece.z)
         except (ArithmeticError, np.linalg.LinAlgError, ValueError):  # ValueError: LAPACK and SciPy on overflow
             return
+
+    def _chunk(
+        self, pair: Pair, routes: tuple[Collocation, Collocation] | None, at: tuple[float, np.ndarray, np.ndarray],
+        span: float, tolerances: tuple[float, float], units: tuple[np.ndarray, np.ndarray], most: int,
+    ) -> Piece:  # fmt: skip
+        tolerance, correction = tolerances
+        if routes:
+            return orbit.stiff_chunk(pair, routes, at, span, tolerance, tolerance, units)
+        return orbit.chunk(pair, at, span, tolerance, correction, units, most)
+
+    def _take(self, given: MultibodySystem) -> None:
+        """Both routes of a system; the springs of ``given`` may be wound otherwise than at the start."""
+        if given is not self.given:
+            self.given, self.first, self.second = given, NewtonEuler(given), Directors(given)
+            self.first.compile()
+            self.second.compile()
+
+    def _pair(self, y: np.ndarray, z: np.ndarray) -> tuple[Rate, Rate, Pair]:
+        c_first, c_second = cost(self.system)
+        first, second = self._charge(self.first.rate, c_first), self._charge(self.second.rate, c_second)
+        return first, second, Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
+
+    def _whole_law(self, y: np.ndarray) -> float:
+        """[s] over which springs that wind stay near the angles of their laws; endless as long as none does."""
+        if self.given is self.system:
+            return np.inf
+        rate = np.max(np.abs(torsion(self.given, self.first.states(y[None]))[1]), initial=0.0)
+        return float(WINDING / rate) if rate > 0.0 else np.inf
+
+    def _holds(self, piece: Piece) -> bool:
+        """Whether no torsional spring leaves half a turn about the angle that its law is made for."""
+        if not np.any(self.given.torsion_k):
+            return True
+        y, t = np.array([*(s[1] for s in piece.steps), piece.y]), np.array([*(s[0] for s in piece.steps), piece.t])
+        return count_right(self.given, t, self.first.states(y)) == len(t)
 
     def share(self, of: float) -> float:
         """A share of the reach so far [m]; of stiff systems the largest, for one level costs them the budget."""

@@ -347,6 +347,7 @@ class Directors:
         p_dot, q_dot = np.sum(u_dot * e + u * e_dot, axis=-1), np.sum(u_dot * b + u * b_dot, axis=-1)
         turn = np.arctan2(q, p) - s.torsion_rest[k]
         turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+        turn += s.torsion_wound[k]
         square = p * p + q * q
         M = -(s.torsion_k[k] * turn + s.torsion_c[k] * (p * q_dot - q * p_dot) / square) / square
         p, q = (M * p)[:, None], (M * q)[:, None]

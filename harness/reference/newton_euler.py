@@ -301,7 +301,7 @@ class NewtonEuler:
             x, y = np.sum(u * e, axis=1), np.sum(u * b, axis=1)
             m = (x[:, None] * _cross(u, b) - y[:, None] * _cross(u, e)) / (x * x + y * y)[:, None]
             rate = np.sum(m * (omega[s.torsion_i] - omega[s.torsion_j]), axis=1)
-            angle = np.remainder(np.arctan2(y, x) - s.torsion_rest + np.pi, 2.0 * np.pi) - np.pi
+            angle = np.remainder(np.arctan2(y, x) - s.torsion_rest + np.pi, 2.0 * np.pi) - np.pi + s.torsion_wound
             T = -(s.torsion_k * angle + s.torsion_c * rate)[:, None] * m
             for body, sign in ((s.torsion_i, 1.0), (s.torsion_j, -1.0)):
                 np.add.at(f[:, 3:], body, sign * np.einsum("jab,ja->jb", turned[body], T))

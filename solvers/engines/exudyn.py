@@ -65,6 +65,7 @@ class Exudyn(Clocked):
     newton_relative: float = option(1e-8, "tolerance of its Newton method, relative; 1e-8 is its own", above=0.0)
     newton_absolute: float = option(1e-10, "tolerance of its Newton method, absolute; 1e-10 is its own", above=0.0)
 
+    own_angles: ClassVar[bool] = True
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
@@ -287,6 +288,8 @@ class Model:
         if not any(abs(abs(axis @ hinge) - 1.0) < PARALLEL for hinge in hinges):
             raise ValueError("a torsional spring is not about the axis of a hinge or a cylinder")
         angle = float(system.torsion_rest[k])
+        if system.torsion_wound[k]:
+            raise ValueError("a torsional spring is wound by whole turns at the start")
         at_rest = np.cos(angle) * e + np.sin(angle) * b
         markers = [self._marker(j, np.zeros(3), np.column_stack((at_rest, np.cross(axis, at_rest), axis))),
                    self._marker(i, np.zeros(3), np.column_stack((u, np.cross(in_i, u), in_i)))]  # fmt: skip

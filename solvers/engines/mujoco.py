@@ -74,6 +74,7 @@ class MuJoCo(Clocked):
         0.9999, "impedance of the soft constraints; MuJoCo allows 0.0001 to 0.9999", at_least=1e-4, at_most=0.9999
     )
 
+    own_angles: ClassVar[bool] = True
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"

@@ -38,6 +38,7 @@ from .tree import spanning_tree
 class Adapter(Clocked):
     """An engine of ``inside``; a dataclass of its options derives from this."""
 
+    own_angles: ClassVar[bool] = True  # it counts the turns of its hinges
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"

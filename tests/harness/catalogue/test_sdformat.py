@@ -172,6 +172,15 @@ def test_rates_that_a_loop_does_not_allow_are_refused(tmp_path):
     ('<link name="glued">', '<link name="ball"/><link name="glued">', "<link name='ball'>: links, joints and frames"),
     ("<xyz>1 0 0</xyz></axis>", '<xyz>1 0 0</xyz><mimic joint="A"/></axis>', "<mimic>: not taken over within axis"),
     ('<frame name="hip">', '<frame name="hip" attached_to="ball">', "its pose is relative to itself"),
+    ('<sdf version="1.9">', '<sdf version="9.9">', "<sdf>: version must be 1.3 to 1.12 (got '9.9')"),
+    ("<gravity>1 2 -9</gravity>", "<physics><gravity>1 2 -9</gravity></physics>", "in version 1.9 gravity"),
+    ("<ixx>.02</ixx>", "<ixx>.02</ixx><ixi>1</ixi>", "<ixi>: not taken over within inertia"),
+    ("<lower>-2</lower>", "<lower>-2</lower><soft>1</soft>", "<soft>: not taken over within limit"),
+    ("<lower>-2</lower>", "<lower>3</lower>", "<limit>: lower must be at most upper (got 3, 2)"),
+    ("<lower>-2</lower>", "<lower>2</lower>", "<limit>: limits that lock the joint are taken over of one axis, at 0"),
+    ('<link name="glued">', '<link name="glued" frozen="1">', "attribute 'frozen' is not taken over; expected name"),
+    ("<pose>.1 0 -.2 0 .3 0", '<pose frame="tip">.1 0 -.2 0 .3 0', "version 1.7 has relative_to"),
+    ("<gravity>1", "<wrap/><gravity>1", "<wrap>: not taken over within world"),
 ])  # fmt: skip
 def test_a_refused_element_is_named_with_its_line(tmp_path, before, after, words):
     """In one line, which also has the file."""
@@ -196,3 +205,59 @@ def test_a_model_at_rest_in_free_fall_has_gravity_of_the_format(tmp_path):
     text = f'<sdf version="1.9"><model name="m"><link name="a">{INERTIAL.format(m=1, pose="")}</link></model></sdf>'
     problem = mechanism_files.read(written(tmp_path, text)).problem()
     assert np.allclose(accelerations(problem.system, replace(problem.initial)).v_dot, [[0.0, 0.0, -9.8]])
+
+
+BAR = """<sdf version="VERSION"><model name="m"><link name="bar"><pose>0 0 0 0 0 1.5707963267948966</pose>
+<inertial><pose>.4 0 0 0 0 0</pose><mass>1</mass>
+<inertia><ixx>.02</ixx><iyy>.25</iyy><izz>.25</izz></inertia></inertial></link>
+<joint name="pin" type="revolute"><parent>world</parent><child>bar</child><axis><xyz>1 0 0</xyz></axis></joint>
+</model></sdf>"""
+
+
+@pytest.mark.parametrize("version", ["1.3", "1.4", "1.5", "1.7"])
+def test_the_version_says_whose_directions_axes_are(tmp_path, version):
+    """Up to 1.4 those of the model: the bar, along its y, falls at g m l / (I + m l^2); later its own, along which not.
+
+    The step from 1.4 to 1.5 in SDFormat's own converter is ``use_parent_model_frame``.
+    """
+    problem = mechanism_files.read(written(tmp_path, BAR.replace("VERSION", version))).problem()
+    rate = np.linalg.norm(accelerations(problem.system, problem.initial).Omega_dot)
+    assert np.isclose(rate, 9.8 * 0.4 / (0.25 + 0.16) if version < "1.5" else 0.0, atol=1e-12)
+
+
+def test_gravity_within_physics_is_that_of_old_versions(tmp_path):
+    """Up to 1.5; two that differ are refused."""
+    world = (
+        '<sdf version="1.5"><world name="w"><physics type="ode"><gravity>0 0 -1.62</gravity></physics>{}</world></sdf>'
+    )
+    model = BAR[BAR.index("<model") : BAR.index("</sdf>")]
+    m = mechanism_files.read(written(tmp_path, world.format(model)))
+    assert np.array_equal(m.problem().system.gravity, [0.0, 0.0, -1.62])
+    with pytest.raises(ValueError, match="the world has another gravity"):
+        mechanism_files.read(written(tmp_path, world.format("<gravity>0 0 -9.8</gravity>" + model)))
+
+
+def test_limits_that_lock_a_joint_fix_it(tmp_path):
+    """Two bars of 1 kg and 1 m in line, welded by limits of 0: one bar of 2 m about its end, 3 g / (2 l)."""
+    bar = (
+        '<link name="{0}"><pose>{1} 0 0 0 0 0</pose><inertial><pose>.5 0 0 0 0 0</pose><mass>1</mass><inertia><ixx>.001'
+    )
+    bar += "</ixx><iyy>{2}</iyy><izz>{2}</izz></inertia></inertial></link>"
+    pin = '<joint name="to_{1}" type="revolute"><parent>{0}</parent><child>{1}</child><axis><xyz>0 1 0</xyz>{2}</axis>'
+    pin += "</joint>"
+    locked = "<limit><lower>0</lower><upper>0</upper></limit>"
+    parts = [bar.format(n, x, 1 / 12) for n, x in (("upper", 0), ("lower", 1))]
+    parts += [pin.format("world", "upper", ""), pin.format("upper", "lower", locked)]
+    text = f'<sdf version="1.7"><model name="m">{"".join(parts)}</model></sdf>'
+    problem = mechanism_files.read(written(tmp_path, text)).problem()
+    rates = accelerations(problem.system, problem.initial).Omega_dot[:, 1]
+    assert np.allclose(rates, 9.8 * 1.5 / 2.0, atol=1e-12)
+
+
+def test_what_changes_no_motion_is_passed_over_or_named(tmp_path):
+    """Blanks before the declaration; extensions with a prefix, wind, solver settings."""
+    text = BAR.replace("VERSION", "1.7").replace("<model", '<model xmlns:x="u" x:kind="a"', 1)
+    text = text.replace("<link", "<enable_wind>true</enable_wind><x:note/><link", 1)
+    text = text.replace("<parent>", "<physics><ode><erp>.1</erp></ode></physics><parent>")
+    m = mechanism_files.read(written(tmp_path, '\n\n<?xml version="1.0"?>' + text))
+    assert {*m.omitted} == {"wind", "elements x:note", "attributes x:kind", "solver settings of joints"}

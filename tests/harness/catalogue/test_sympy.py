@@ -247,3 +247,44 @@ def test_restrictions_of_velocities_alone_are_refused(me, sp):
     kane.kanes_equations([me.RigidBody("sleigh", C, A, 1.0, (me.inertia(A, 1, 1, 1), C))], [])
     with pytest.raises(ValueError, match=r"1 restrictions more than the joints found .*velocities alone"):
         read_sympy(kane, {}, dict.fromkeys(q, 0.1))
+
+
+def test_bodies_that_no_force_moves_are_recognised(me, sp):
+    """A double pendulum in free space: centrifugal forces cancel to rounding, of which no share is left to explain."""
+    q1, q2, u1, u2 = me.dynamicsymbols("q1 q2 u1 u2")
+    N, A, B = (me.ReferenceFrame(x) for x in "NAB")
+    O = me.Point("O")
+    O.set_vel(N, 0)
+    A.orient_axis(N, q1, N.z)
+    B.orient_axis(N, q2, N.z)
+    A.set_ang_vel(N, u1 * N.z)
+    B.set_ang_vel(N, u2 * N.z)
+    P = O.locatenew("P", A.x)
+    C = O.locatenew("C1", A.x / 2), P.locatenew("C2", B.x / 2)
+    for point, base, frame in ((P, O, A), (C[0], O, A), (C[1], P, B)):
+        point.v2pt_theory(base, N, frame)
+    bars = [me.RigidBody(n, c, f, sp.Integer(1), (me.inertia(f, 0.001, sp.Rational(1, 12), sp.Rational(1, 12)), c))
+            for n, c, f in (("upper", C[0], A), ("lower", C[1], B))]  # fmt: skip
+    kane = me.KanesMethod(N, q_ind=[q1, q2], u_ind=[u1, u2], kd_eqs=[q1.diff() - u1, q2.diff() - u2])
+    kane.kanes_equations(bars, [])
+    problem = read_sympy(kane, {}, {q1: 0.3, q2: 1.0, u1: 1.0}, origin=O, bodies=bars)
+    assert problem.system.joint_names == ("ground-upper", "upper-lower") and not np.any(problem.system.gravity)
+    rates = accelerations(problem.system, problem.initial).Omega_dot[:, 2]
+    c, s = np.cos(0.7), np.sin(0.7)  # (4/3) a1 + c/2 a2 = 0, c/2 a1 + a2/3 = u1^2 s/2 of two bars of 1 kg and 1 m
+    assert np.allclose(rates, np.linalg.solve([[4 / 3, c / 2], [c / 2, 1 / 3]], [0.0, -s / 2]), atol=1e-10)
+
+
+def test_a_wheel_about_its_own_centre_is_a_hinge(me, sp):
+    """Nothing of it moves but its orientation: no distance to compare with."""
+    q, u = me.dynamicsymbols("q u")
+    N, A = me.ReferenceFrame("N"), me.ReferenceFrame("A")
+    O = me.Point("O")
+    O.set_vel(N, 0)
+    A.orient_axis(N, q, N.z)
+    A.set_ang_vel(N, u * N.z)
+    wheel = me.RigidBody("wheel", O, A, sp.Integer(2), (me.inertia(A, 1, 2, 3), O))
+    kane = me.KanesMethod(N, q_ind=[q], u_ind=[u], kd_eqs=[q.diff() - u])
+    kane.kanes_equations([wheel], [(A, -4 * q * N.z)])
+    problem = read_sympy(kane, {}, {q: 0.5}, origin=O, bodies=[wheel])
+    assert problem.system.joint_kind(0) is JointKind.REVOLUTE
+    assert np.allclose(accelerations(problem.system, problem.initial).Omega_dot, [[0.0, 0.0, -4 * 0.5 / 3]])

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from mbsbench import JointKind, accelerations, make_problem
+from mbsbench import JointKind, accelerations, make_problem, solve
 from mbsbench.harness.catalogue import mechanism_files
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 
 from ...solvers.engines.environments import import_engine
 
@@ -163,6 +165,14 @@ def test_accelerations_are_those_of_newton_s_model(tmp_path, name):
     ('axis = "Y"', 'axis = "W"', "/World/A: physics:axis must be X, Y or Z (got W)"),
     ("translate = (0.0, 0, 0.5)", "translate = (inf, 0, 0.5)", "/World/crank: its transform and points must be finite"),
     ("angularVelocity = (0, 90", "angularVelocity = (0, inf", "/World/crank: velocities must be finite (got "),
+    ("float physics:mass = 2.0",
+     "float physics:mas = 1\nfloat physics:mass = 2.0", "property physics:mas is not taken"),
+    ("float physics:mass = 2.0",
+     "int physxRigidBody:lockedRotAxis = 1\nfloat physics:mass = 2.0", "locks axes of a body"),
+    ('physics:axis = "Y"',
+     'physics:axis = "Y"\nfloat physics:lowerLimit = 9\nfloat physics:upperLimit = 9', "at 0 (got 9)"),
+    ("def PhysicsScene", 'def PhysicsScene "other" {\nfloat physics:gravityMagnitude = 1\n}\ndef PhysicsScene',
+     "/scene: /other has another gravity"),
     ("#usda 1.0", "#usda one", "refused.usda:1:1: Unable to parse layer version"),
     ("upAxis", "subLayers = [@./none.usda@]\n upAxis", "Could not load sublayer"),
 ])  # fmt: skip
@@ -174,6 +184,103 @@ def test_a_refused_prim_is_named(tmp_path, before, after, words):
     with pytest.raises(ValueError, match=r"refused") as error:
         make_problem(str(path))
     assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def tilted_four_bar(digits: int) -> str:
+    """A planar four-bar with a skew crank in a plane that is turned, every number printed to ``digits``."""
+    T = Rotation.from_rotvec([0.3, -0.5, 0.7])
+    pins = [np.array(p) for p in ((0, 0, 0), (0.2, 0, 0.5), (1.1, 0, 0.7), (1.0, 0, 0))]
+    lines = ['#usda 1.0\n(\nmetersPerUnit = 1\nupAxis = "Z"\n)\ndef Xform "World" {']
+    frames = {"": (np.zeros(3), Rotation.identity())}
+
+    def printed(values) -> str:
+        return "(" + ", ".join(f"{x:.{digits}g}" for x in values) + ")"
+
+    for k, name in enumerate(("crank", "coupler", "rocker")):
+        d = pins[k + 1] - pins[k]
+        R = T * Rotation.from_rotvec([0.0, np.arctan2(-d[2], d[0]), 0.0])
+        frames[name] = T.apply(pins[k] + 0.5 * d), R
+        lines.append(f"""def Xform "{name}" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]) {{
+        double3 xformOp:translate = {printed(frames[name][0])}
+        quatd xformOp:orient = {printed(R.as_quat(scalar_first=True))}
+        uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]
+        float physics:mass = 1
+        point3f physics:centerOfMass = (0, 0, 0)
+        float3 physics:diagonalInertia = (0.001, 0.03, 0.03)
+        }}""")
+    for k, ends in enumerate((("", "crank"), ("crank", "coupler"), ("coupler", "rocker"), ("", "rocker"))):
+        lines.append(f'def PhysicsRevoluteJoint "J{k}" {{\nuniform token physics:axis = "Y"')
+        for n, end in enumerate(ends):
+            centre, R = frames[end]
+            lines.append(f"""rel physics:body{n} = </World{"/" * bool(end)}{end}>
+            point3f physics:localPos{n} = {printed(R.inv().apply(T.apply(pins[k]) - centre))}
+            quatf physics:localRot{n} = {printed((R.inv() * T).as_quat(scalar_first=True))}""")
+        lines.append("}")
+    return "\n".join([*lines, "}"])
+
+
+@pytest.mark.parametrize("digits", [5, 7, 17])
+def test_a_loop_that_rounding_opens_is_closed(tmp_path, digits):
+    """By its joints' frames: three rows stay redundant, and the motion is that of the exact linkage, to rounding.
+
+    One angle is free: M(theta) theta_dot_dot = -dV/dtheta at rest, of the linkage of exact numbers.
+    """
+    problem = make_problem(str(written(tmp_path, tilted_four_bar(digits), f"four{digits}.usda")), {"t_end": 0.5})
+    size = np.linalg.svd(constraint_jacobian(problem.system, problem.initial).toarray(), compute_uv=False)
+    assert np.sum(size > 1e-12 * size[0]) == 17 and len(size) == 18
+    rate = accelerations(problem.system, problem.initial).Omega_dot[0, 1]
+    assert np.isclose(rate, exact_rate(), rtol=10.0 ** (1 - min(digits, 7)))
+    run = solve(problem, "rkmk_dop853", rtol=1e-8)
+    assert run.record.status == "success" and run.record.phi_max < 1e-12
+
+
+def exact_rate() -> float:
+    """theta_dot_dot of the crank about y, of the four-bar at rest, by differences of its closed places."""
+    T = Rotation.from_rotvec([0.3, -0.5, 0.7])
+    g = T.inv().apply([0.0, 0.0, -9.81])[[0, 2]]
+    pins = np.array([(0, 0), (0.2, 0.5), (1.1, 0.7), (1.0, 0)])
+    crank, coupler, rocker = (complex(*d) for d in np.diff(pins, axis=0))
+    # angles turn from x to z: positions as complex numbers, C of each bar half way
+    lengths = abs(crank), abs(coupler), abs(rocker)
+
+    def places(phi):
+        a = lengths[0] * np.exp(1j * phi)
+        d = 1.0 - a  # to the ground's other pin: coupler + rocker
+        beta = np.arccos((abs(d) ** 2 + lengths[1] ** 2 - lengths[2] ** 2) / (2 * abs(d) * lengths[1]))
+        sign = np.sign((coupler * (coupler + rocker).conjugate()).imag)
+        b = lengths[1] * d / abs(d) * np.exp(1j * sign * beta)
+        return np.array([a / 2, a + b / 2, a + b + (d - b) / 2]), np.unwrap([phi, np.angle(b), np.angle(d - b)])
+
+    phi, h = np.angle(crank), 1e-4
+    (c1, t1), (c2, t2) = (places(phi + k * h) for k in (1, -1))
+    slope, turn = (c1 - c2) / (2 * h), (t1 - t2) / (2 * h)
+    M = np.sum(np.abs(slope) ** 2 + 0.03 * turn**2)
+    force = np.sum(slope.real * g[0] + slope.imag * g[1])
+    return float(-force / M)  # about y an angle turns from z to x
+
+
+def test_limits_that_lock_a_joint_fix_it(tmp_path):
+    """Of two hinges one is locked at 0: a rigid body about the other, by Steiner."""
+    text = linkage()
+    text = text[: text.index('def PhysicsRevoluteJoint "C"')] + "}"
+    text = text.replace('"Y"', '"Y"\nfloat physics:lowerLimit = 0\nfloat physics:upperLimit = 0').replace(
+        '"Y"\nfloat physics:lowerLimit = 0\nfloat physics:upperLimit = 0', '"Y"', 1
+    )
+    text = text[: text.index('    def Xform "rocker"')] + text[text.index('    def PhysicsRevoluteJoint "A"') :]
+    problem = make_problem(str(written(tmp_path, text, "locked.usda")))
+    assert [problem.system.joint_kind(k) for k in range(2)] == [JointKind.REVOLUTE, JointKind.FIXED]
+    arms = np.array([[0.0, 0.625], [1.0, 1.125]])
+    about = 2 * 0.375 + 2.0 * np.sum(arms**2)
+    rates = accelerations(problem.system, problem.initial).Omega_dot[:, 1]
+    assert np.allclose(rates, 9.81 * 2.0 * np.sum(arms[:, 0]) / about, rtol=1e-6)
+
+
+def test_what_engines_add_is_named(tmp_path):
+    """Damping of bodies, friction, cones; settings of a solver change no motion."""
+    more = "float physxRigidBody:angularDamping = 0.1\nint physxRigidBody:solverPositionIterationCount = 8\n"
+    text = linkage().replace("float physics:mass", f"{more}float mjc:gravcomp = 1\nfloat physics:mass")
+    omitted = make_problem(str(written(tmp_path, text, "engines.usda"))).source
+    assert "damping of bodies (3)" in omitted and "attributes mjc:gravcomp (3)" in omitted and "Count" not in omitted
 
 
 def test_layers_are_part_of_the_runs_identity(tmp_path):

@@ -85,6 +85,13 @@ def written(folder, **files: str):
     return lambda: load_suite(str(folder / f"{list(files)[-1]}.toml"))
 
 
+def test_a_mark_of_the_order_of_bytes_is_no_part_of_a_suite(tmp_path):
+    """Editors on Windows write one before UTF-8."""
+    path = tmp_path / "marked.toml"
+    path.write_bytes(b'\xef\xbb\xbf[[runs]]\nproblem = "simple_pendulum"\nsolver = "rkmk_dop853"\nrtol = 1e-6\n')
+    assert len(load_suite(str(path)).specs) == 1
+
+
 def test_included_runs_come_first_and_once(tmp_path):
     """Through two ways to one run, its first label and limits are kept; defaults stay in their own file."""
     base = 'label = "base"\ncpu_limit = 7'

@@ -164,6 +164,7 @@ def test_springs_at_rest_are_measured_by_what_cancels_in_them(name, kind):
         s = replace(
             s, torsion_i=np.array([2]), torsion_j=np.array([1]), torsion_u=np.array([[0.6, 0.8, 0.0]]),
             torsion_n=np.eye(3)[None, :2], torsion_k=np.array([3.0]), torsion_rest=np.zeros(1), torsion_c=np.zeros(1),
+            torsion_wound=np.zeros(1),
         )  # fmt: skip
     still = States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega))
     lengths = np.array([np.linalg.norm(spring_line(s, still, k)[0]) for k in range(len(s.spring_k))])

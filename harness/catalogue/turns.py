@@ -1,0 +1,142 @@
+"""Solvers see springs within half a turn of rest: a motion that winds one further is integrated piece by piece.
+
+A state does not tell how often a body has turned, so that a torsional spring's law holds within half a turn of an angle
+(``wound`` there). Where a motion leaves that, its rows up to there are right, and the solver goes on from the last of
+them with a law about the angle that the spring has there. A motion that stays within is the solver's own, bit for bit.
+"""
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.consistency import project
+from ..mechanics.state import State, States
+from ..mechanics.system import MultibodySystem
+from ..mechanics.time_functions import shift
+from ..mechanics.torsion import count_right, wind
+from ..types import Problem, Status, StepControl, Trajectory
+
+AHEAD = 2.0  # times the last piece: how long the next one may be, as all behind the next turn is thrown away
+PIECES = 10_000
+
+Solve = Callable[[Any, Problem, StepControl], Trajectory]
+
+
+def counts_turns(solve: Solve) -> Solve:
+    """``solve`` with springs that keep their turns; the same function where it has them already."""
+    if getattr(solve, "counts_turns", False):
+        return solve
+
+    @functools.wraps(solve)
+    def whole(self: Any, problem: Problem, control: StepControl) -> Trajectory:
+        found = solve(self, problem, control)
+        right = _count_right(problem.system, found)
+        if right == len(found.t):
+            return found
+        return _go_on(functools.partial(solve, self), problem, control, found, right)
+
+    whole.counts_turns = True  # type: ignore[attr-defined]
+    return whole
+
+
+def _count_right(system: MultibodySystem, found: Trajectory) -> int:
+    """How many rows are those of the law."""
+    if found.states.nb != system.nb:
+        return len(found.t)
+    return count_right(system, np.asarray(found.t, dtype=float), found.states)
+
+
+def _go_on(
+    solve: Callable[[Problem, StepControl], Trajectory], problem: Problem, control: StepControl, found: Trajectory,
+    right: int,
+) -> Trajectory:  # fmt: skip
+    """The whole motion from its first ``right`` rows."""
+    parts, t = [_cut(found, right, 0.0)], float(found.t[right - 1])
+    costs, system, last, span = [found], problem.system, found.states[right - 1], float(found.t[right - 1])
+    status, message = Status.SUCCESS, found.message
+    if len(system.user_i):
+        words = f"stopped at t = {t:.6g} s: a torsional spring leaves half a turn, and user forces may depend on time"
+        return replace(parts[0], status=Status.STALLED, message=words)
+    alone = replace(control, spool=None)
+    while t < problem.t_end * (1.0 - 1e-12):
+        if right < 2 or len(parts) >= PIECES:
+            status = Status.STALLED
+            message = f"stopped at t = {t:.6g} s: a step turns a torsional spring by more than half a turn"
+            break
+        system = wind(system, last)
+        span = min(problem.t_end - t, _whole_steps(AHEAD * span, control.dt))
+        start = State(last.r, last.R, last.v, last.Omega)
+        here = _begin_at(system, t)
+        piece = replace(problem, system=here, initial=project(here, start), t_end=span, reference_from=None)
+        more = solve(piece, alone)
+        right = _count_right(here, more)
+        costs.append(more)
+        parts.append(_cut(more, right, t))
+        t, last, span = t + float(more.t[right - 1]), more.states[right - 1], float(more.t[right - 1])
+        if right == len(more.t) and more.status is not Status.SUCCESS:
+            status, message = more.status, f"{more.message} (of a piece that ends at t = {t:.6g} s)"
+            break
+    return _join(parts, costs, status, message, problem.t_end)
+
+
+def _whole_steps(span: float, dt: float | None) -> float:
+    return span if dt is None else dt * max(2.0, np.ceil(span / dt - 1e-9))
+
+
+def _begin_at(system: MultibodySystem, t: float) -> MultibodySystem:
+    """The system whose clock is at zero at ``t`` [s]."""
+    return replace(
+        system, joint_motion=_freeze(shift(system.joint_motion, t)), load_factor=_freeze(shift(system.load_factor, t))
+    )
+
+
+def _freeze(a: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    out = np.array(a)
+    out.setflags(write=False)
+    return out
+
+
+def _cut(found: Trajectory, rows: int, since: float) -> Trajectory:
+    """The first rows of a piece that begins at ``since`` [s]."""
+    few = slice(0, rows)
+    return replace(
+        found, t=np.asarray(found.t)[few] + since, states=found.states.at(few).with_times(found.t[few] + since),
+        reaction=None if found.reaction is None else found.reaction[few],
+        diagnostics={k: a[few] for k, a in found.diagnostics.items()},
+    )  # fmt: skip
+
+
+def _join(parts: list[Trajectory], costs: list[Trajectory], status: Status, message: str, t_end: float) -> Trajectory:
+    rest = [_without_first(part) for part in parts[1:]]
+    all_parts = [parts[0], *(part for part in rest if part is not None)]
+    t = np.concatenate([part.t for part in all_parts])
+    if status is Status.SUCCESS:
+        t[-1] = t_end
+    states = States(*(np.concatenate([getattr(p.states, k) for p in all_parts]) for k in ("r", "R", "v", "Omega")))
+    reactions = [p.reaction for p in all_parts]
+    counters = {k: sum(c.counters.get(k, 0) for c in costs) for k in costs[0].counters}
+    shared = [k for k in parts[0].diagnostics if all(k in p.diagnostics for p in all_parts)]
+    words = f"a torsional spring turns on: integrated in {len(parts)} pieces of at most a turn"
+    return replace(
+        parts[0], t=t, states=states.with_times(t), status=status, message=message, counters=counters,
+        reaction=None if any(r is None for r in reactions) else np.concatenate([r for r in reactions if r is not None]),
+        diagnostics={k: np.concatenate([p.diagnostics[k] for p in all_parts]) for k in shared},
+        notes=(*parts[0].notes, words), cpu_time=sum(c.cpu_time for c in costs),
+        setup_time=sum(c.setup_time for c in costs),
+    )  # fmt: skip
+
+
+def _without_first(part: Trajectory) -> Trajectory | None:
+    """A later piece without its start, which is the end of the one before."""
+    if len(part.t) < 2:
+        return None
+    rows = slice(1, None)
+    return replace(
+        part, t=part.t[rows], states=part.states.at(rows),
+        reaction=None if part.reaction is None else part.reaction[rows],
+        diagnostics={k: a[rows] for k, a in part.diagnostics.items()},
+    )  # fmt: skip

@@ -1,0 +1,43 @@
+"""Results of Modelica tools (Dymola, OpenModelica): names, and where the numbers of each are, in a MAT file."""
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+SPELT = {"r_0": "r", "v_0": "v", "w_a": "omega", "Q": "q"}  # of the bodies of Modelica.Mechanics.MultiBody
+VECTOR = re.compile(r"^(.*?)\.?\b(r_0|v_0|w_a|Q)\[(\d)\]$")
+
+
+def is_result(found: Mapping[str, np.ndarray]) -> bool:
+    """Whether a MAT file is a result of Modelica."""
+    return {"Aclass", "name", "dataInfo"} <= {*found}
+
+
+def read_result(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns by name; ``body.r_0[1]`` is ``body.r.x`` here. ValueError where the file does not fit itself."""
+    kind = [str(x).strip() for x in np.atleast_1d(found["Aclass"])]
+    if len(kind) < 4 or kind[0] != "Atrajectory" or kind[3] not in ("binTrans", "binNormal"):
+        raise ValueError(f"not a result of Modelica that is known here (Aclass {', '.join(kind)})")
+    across = kind[3] == "binTrans"
+    chars, info = [str(x) for x in np.atleast_1d(found["name"])], np.atleast_2d(found["dataInfo"])
+    if across:
+        width = max(map(len, chars))
+        chars = ["".join(row) for row in zip(*(x.ljust(width) for x in chars), strict=True)]
+    info = info.T if across else info
+    out: dict[str, np.ndarray] = {}
+    for name, (table, place, *_) in zip((x.strip() for x in chars), info, strict=False):
+        rows = np.atleast_2d(found[f"data_{int(table) or 2}"])
+        rows = rows if across else rows.T
+        values = np.sign(int(place)) * rows[abs(int(place)) - 1].astype(float)
+        out[_respell(name)] = values
+    nt = max(map(len, out.values()), default=0)
+    return {name: a if len(a) == nt else np.full(nt, a[0]) for name, a in out.items() if len(a) in (1, 2, nt)}
+
+
+def _respell(name: str) -> str:
+    match = VECTOR.match(name)
+    if match is None:
+        return name
+    where, what, k = match[1], SPELT[match[2]], int(match[3])
+    return ".".join(filter(None, (where, what, str(k) if what == "q" else "xyz"[k - 1] if k < 4 else str(k))))
