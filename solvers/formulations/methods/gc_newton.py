@@ -17,6 +17,7 @@ import numpy as np
 from ..compiled.algebra import clear, copy, sines, times, times_transposed, turned_by
 from ..compiled.entries import apart, inner, run
 from ..compiled.marching import NOT_FINITE, STUCK
+from .choices import AFTER_CORRECTION, CORRECTED
 from .gc_step import move_poses
 
 CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
@@ -203,19 +204,35 @@ def _nested_loop(s):
 
 @apart
 def _newton(s):
-    """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts."""
+    """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts.
+
+    ``final`` says which iterate is the step's end: the first that passes the tests, the same once more corrected by
+    (79), or the first that passes after a correction.
+    """
     g, o, before = s.scheme, s.terms, np.inf
     # without sigma (80) implies (81), with C_bar or K_bar (81) cannot hold, and Sect. 4.3 asks (81) after (85)
     both = g.carry_sigma and not g.corrective and not g.nested
     redundant = g.redundant and not g.nested
     clear(o.left)
     g.outcome = SLOW
+    least = 1 if g.final == AFTER_CORRECTION else 0
     for iteration in range(g.max_newton + 1):
         run(s.evaluate)
         if not np.isfinite(g.norm):
             g.outcome = INFINITE
             return
-        if g.norm < g.tolerance and (not both or g.slip < g.tolerance):
+        if iteration >= least and g.norm < g.tolerance and (not both or g.slip < g.tolerance):
+            if g.final == CORRECTED:
+                if g.factored != g.h or g.refresh <= 0.0:
+                    run(s.refresh)
+                    if s.lu.state.singular:
+                        g.outcome = SINGULAR_MATRIX
+                        return
+                run(s.correct)
+                run(s.evaluate)
+                if not np.isfinite(g.norm):
+                    g.outcome = INFINITE
+                    return
             g.outcome = SLOW if redundant and not g.slip < g.accept else CONVERGED
             return
         if iteration == g.max_newton:
