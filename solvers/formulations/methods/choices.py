@@ -126,7 +126,8 @@ class GaugeChoices:
         "simplified",
         "simplified: on A M^-1 A^T, where gravity is the only force, sigma0 and mu0 are zero, no loop is nested, "
         "the estimate is extrapolated and the passing iterate final, else as kept; kept: Jacobian renewed when it no "
-        "longer contracts by 5; exact: that of each iterate, Eq. (79)",
+        "longer contracts by 5; exact: that of each iterate, Eq. (79), in the unknowns v and M_bar mu and without the "
+        "slopes of M_bar, which is constant for translations",
         choices=("simplified", "kept", "exact"),
     )  # fmt: skip
     estimate: str = option(
