@@ -18,7 +18,7 @@ LEFT_OUT = {
     judged.Ending.UNCOMPARED: "their runs cannot be compared "
     "(two failures, no partner, equal steps, or values missing)",
     judged.Ending.SLOW: "the limit on steps ended them while they were only slow",
-    judged.Ending.NO_STEP: "they could not take a first step",
+    judged.Ending.NO_START: "they could not start: not one step of the size they may take",
     judged.Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
     judged.Ending.EARLY: "their runs ended before the moment asked about",
 }

@@ -39,7 +39,7 @@ from .points import Point, points
 from .predicates import FACTOR, NEAREST, RATIOS, Band
 from .register import Register
 
-CUT = (Ending.MACHINE, Ending.SLOW, Ending.NO_STEP, Ending.EARLY)  # a run ended before the moment asked about
+CUT = (Ending.MACHINE, Ending.SLOW, Ending.EARLY)  # a run ended before the moment asked about
 FEW = 0.1  # of the settings asked: fewer that got to that moment settle nothing
 COUNTS = {c.name for c in COLUMNS if c.type is int}
 SHOWN = (

@@ -14,7 +14,7 @@ from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.work import operations
 from ...types import Status
-from .endings import gets_to, in_time, is_settled
+from .endings import ends_early, gets_to, in_time, is_settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
 from .measures import reached_end
@@ -130,13 +130,18 @@ def _finding(
 
 
 def _ends_early(claim: Claim, test: Test, value: float, runs: Sequence[Place], numbers: Numbers) -> bool:
-    """Whether a number does not exist because a run ended before the moment asked about.
+    """Whether the number might be another, had no run ended before the moment asked about.
 
-    That says nothing on what would have been there; where reaching it is the claim, a test asks for just that.
+    That says nothing on what would have been there, whatever kind of test asks; where reaching it is the claim, a test
+    asks for just that. Of several runs what the others do not bound is open: a ratio to complete runs can only grow.
     """
-    if not math.isnan(value) or claim.starting:
+    if claim.starting:
         return False
-    return not all(gets_to(test, numbers.records[p.spec.settings_id]) for p in runs)
+    own, *others = (numbers.records[p.spec.settings_id] for p in runs)
+    if not test.compare and test.combine not in ("", NEAREST):
+        return not all(MEASURES[test.metric].of_end or gets_to(test, r) for r in (own, *others))
+    beside = others if test.compare else ()
+    return ends_early(test, own, value) or not all(MEASURES[test.metric].of_end or gets_to(test, r) for r in beside)
 
 
 def _sort_places(places: Iterable[Place]) -> list[Place]:
@@ -156,7 +161,7 @@ def _dearer(own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> 
 
 def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
     how = numbers.endings[p.spec.settings_id]
-    return Ending.FINAL if claim.starting and how is Ending.NO_STEP else how
+    return Ending.FINAL if claim.starting and how is Ending.NO_START else how
 
 
 def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers) -> list[Place]:

@@ -29,7 +29,7 @@ class Ending(StrEnum):
     MACHINE = "limit of the machine"
     UNCOMPARED = "nothing to compare"
     SLOW = "budget of steps"
-    NO_STEP = "no first step"
+    NO_START = "no start"
     ENDED = "no early end"
     EARLY = "an early end"
 

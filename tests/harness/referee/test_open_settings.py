@@ -92,7 +92,7 @@ def test_runs_that_took_no_step_are_left_out_and_named():
         text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
         c = claim(text, one_of(never))
         assert c.map[0].holds is None
-        assert c.beyond.left_out == (LeftOut(Ending.NO_STEP, 1),)
+        assert c.beyond.left_out == (LeftOut(Ending.NO_START, 1),)
         assert claim(text + "starting = true\n", one_of(never)).map[0].holds is (band == "at_most = 5")
     assert claim(text, one_of(never | {"status": "refused"})).map[0].holds is False
 
@@ -127,3 +127,47 @@ def test_the_count_of_those_that_hold_because_a_run_stopped():
         claim(text, found)
     )
     assert "because a run" not in because(claim(text, [record(x, position_error_judged_m=2.0) for x in RUNS]))
+
+
+FAILED = {"status": "step_underflow", "t_reached_s": 3.0, "steps": 9}  # of 10 s, by itself
+
+
+@pytest.mark.parametrize(("asked", "phi", "holds"), [
+    ("at_least = 1.0", 0.5, None), ("at_least = 1.0", 1.5, True), ("at_most = 1.0", 0.5, None),
+    ("at_most = 1.0", 1.5, False), ("at_least = 1.0, at_most = 2.0", 1.5, None),
+])  # fmt: skip
+def test_an_early_end_is_open_for_partial_tests_too(asked, phi, holds):
+    """A peak that has come counts, one that may have come later does not count against; one too high stays so."""
+
+    def first(test):
+        def of(r):
+            t = np.linspace(0.0, r.t_reached_s, 11)
+            return series(t, phi_norm=np.full(11, phi))
+
+        found = [record(x, **(FAILED if k == 0 else {}), phi_max=phi) for k, x in enumerate(RUNS)]
+        return claim(f'map = "m"\ntests = [{{ {test}, partial = true, {asked}, unit = "m" }}]\n', found, of).map[0]
+
+    for test in ('metric = "largest", series = "phi_norm"', 'metric = "column", name = "phi_max"'):
+        assert first(test).holds is holds
+
+
+def test_one_early_end_counts_for_nobody():
+    """A run that stopped neither loses energy nor keeps it, neither leaves the plane nor stays in it."""
+    found = [record(x, **FAILED, energy_mean_last_quarter_J=5.0, out_of_plane_max_m=1e-3) for x in RUNS]
+    for test in ('metric = "late energy"', 'metric = "column", name = "out_of_plane_max_m", partial = true'):
+        for band in ("at_least = 0.1", "at_most = 0.1"):
+            c = claim(f'map = "m"\ntests = [{{ {test}, {band}, unit = "" }}]\n', found)
+            assert {m.holds for m in c.map} == {None} and c.beyond.left_out == (LeftOut(Ending.EARLY, 12),)
+
+
+def test_a_comparison_with_a_run_that_stopped_grows_alone():
+    """The energy moved so far by a run that stopped is a lower bound, that of the run beside it is none."""
+    text = 'map = "m"\nagainst = "gc"\ntests = [{ metric = "column", name = "phi_max", partial = true, ' \
+           'compare = "over largest", at_least = 2, unit = "" }]\n'  # fmt: skip
+
+    def first(own, beside):
+        found = [record(x, phi_max=0.1, **beside) if x.solver == "gc_weak_form" else record(x, **own) for x in RUNS]
+        return claim(text, found).map[0].holds
+
+    assert first({"phi_max": 0.3} | FAILED, {}) is True and first({"phi_max": 0.1} | FAILED, {}) is None
+    assert first({"phi_max": 0.3}, FAILED) is None
