@@ -92,7 +92,7 @@ def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
     figures = f", Fig. {claim_words.figures(c)}" if c.figure else ""
     yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"
     for where, f in claim_words.sides(c):
-        yield f"{where}: {f.verdict} {claim_words.share(f)}".rstrip()
+        yield f"{where}: {'; '.join(filter(None, (claim_words.verdict(f), claim_words.share(f))))}"
     for k, t in enumerate(c.tests):
         number = f"{claim_words.format_measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"

@@ -25,8 +25,8 @@ from .findings import print_findings
 from .terminal import Column, console, error_console, print_table, print_unreadable
 
 STYLE = {
-    Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.MIXED: "yellow", Verdict.REFUTED: "bold red",
-    Verdict.UNTESTABLE: "dim",
+    Verdict.REPRODUCED: "green", Verdict.REPRODUCED_IF: "yellow", Verdict.NOT_REPRODUCED: "bold red",
+    Verdict.CANNOT_BE_TOLD: "dim",
 }  # fmt: skip
 AGAIN = f"mbsbench run {judging.WHOLE} --resume"
 COLUMNS = (
@@ -124,7 +124,8 @@ def show_orders(orders: Sequence[Order]) -> None:
 
 def format_verdict(f: Finding | None) -> Text:
     """A verdict and the settings where the claim holds; a dash where there is none to give."""
-    return Text(f"{f.verdict} {claim_words.share(f)}".strip(), STYLE[f.verdict]) if f else Text("–", "dim")
+    words = "; ".join(filter(None, (claim_words.verdict(f), claim_words.share(f)))) if f else "–"
+    return Text(words, STYLE[f.verdict] if f else "dim")
 
 
 def count_verdicts(claims: Sequence[Claim]) -> str:
@@ -135,6 +136,6 @@ def count_verdicts(claims: Sequence[Claim]) -> str:
         found = Counter(f.verdict for c in results if (f := (c.paper, c.beyond)[k]))
         out.append(f"{where}: " + ", ".join(f"{found[v]} {v}" for v in STYLE))
     checks = [c for c in claims if c.kind == PRESENTATION]
-    good = sum(c.verdict == Verdict.SUPPORTED for c in checks)
-    out += [f"checks of the presentation: {good} of {len(checks)} SUPPORTED"] if checks else []
+    good = sum(c.verdict == Verdict.REPRODUCED for c in checks)
+    out += [f"checks of the presentation: {good} of {len(checks)} reproduced"] if checks else []
     return "\n".join(out)

@@ -14,15 +14,15 @@ from typing import Any
 
 from mbsbench.harness.results.judgements.claims import Finding
 from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_judgement
-from mbsbench.reports.model.claim_words import share
+from mbsbench.reports.model.claim_words import share, verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "docs" / "decisions" / "verdicts.toml"
 
 
 def cell(finding: Finding | None) -> str:
-    """``MIXED 39 of 76``; a dash where there is no such setting."""
-    return f"{finding.verdict} {share(finding)}".strip() if finding else "–"
+    """``reproduced if gain 0; for 39 of 76 tried``; a dash where there is no such setting."""
+    return "; ".join(filter(None, (verdict(finding), share(finding)))) if finding else "–"
 
 
 def table() -> str:

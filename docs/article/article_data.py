@@ -33,8 +33,8 @@ from mbsbench.reports.plots.paper import DOUBLE, INK, SINGLE, sheet
 from mbsbench.reports.plots.spec import looks
 
 OURS = re.compile(r"beyond-|.*-control|.*-ida$|.*-lower-index-")  # asked by us of other methods, not said in the paper
-COLOURS = {"SUPPORTED": "#3D62C7", "CONDITIONAL": "#62AF96", "MIXED": "#E0B040", "REFUTED": "#BB3939",
-           "UNTESTABLE": "#B9BFC6"}  # fmt: skip
+COLOURS = {"reproduced": "#3D62C7", "reproduced if": "#E0B040", "not reproduced": "#BB3939",
+           "cannot be told": "#B9BFC6"}  # fmt: skip
 RACE = ("gc_weak_form", "gc_augmented_lagrangian", "rattle", "generalized_alpha", "energy_momentum", "ida_index1",
         "ida_index3", "ndf_index1", "rk45_strong_form", "rkmk_dop853")  # fmt: skip
 WORDS = {"gc_weak_form": "ODE-GC, weak form", "gc_augmented_lagrangian": "ODE-GC, augmented", "rattle": "RATTLE",
@@ -109,7 +109,7 @@ def found(name: str, side: str = "paper") -> str:
     where = "printed" if side == "paper" else "further" if claim(name).paper else "tried"
     if f is None:
         raise Fault(f"the claim {name!r} has no {where} settings")
-    if f.verdict is Verdict.UNTESTABLE:
+    if f.verdict is Verdict.CANNOT_BE_TOLD:
         return f"cannot be judged from the {where} settings"
     if f.settings == 1:
         return f"{'holds' if f.holds else 'does not hold'} in the one {where} setting"
@@ -154,7 +154,7 @@ def met(name: str) -> str:
 
 def judged_none(*names: str) -> bool:
     """Whether no printed setting bears any of the claims out."""
-    return all((f := claim(n).paper) and f.verdict is Verdict.REFUTED for n in names)
+    return all((f := claim(n).paper) and f.verdict is Verdict.NOT_REPRODUCED for n in names)
 
 
 def borderline() -> int:
@@ -410,7 +410,7 @@ def draw_growth() -> Figure:
     figure = sheet(SINGLE * 1.2, 1.5)
     axes = figure.subplots()
     ranked = sorted(values.items(), key=lambda pair: pair[1])
-    axes.barh([n.replace("_", " ") for n, _ in ranked], [v for _, v in ranked], color=COLOURS["SUPPORTED"], height=0.6)
+    axes.barh([n.replace("_", " ") for n, _ in ranked], [v for _, v in ranked], color=COLOURS["reproduced"], height=0.6)
     for k, (_, v) in enumerate(ranked):
         axes.text(v * 1.08, k, number(v, 2), va="center", fontsize=7, color=INK)
     axes.set(xscale="log", xlabel="growth over one second", xlim=(None, 4.0 * ranked[-1][1]))

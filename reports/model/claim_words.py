@@ -90,13 +90,51 @@ def sides(c: judged.Claim) -> tuple[tuple[str, judged.Finding], ...]:
     return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
 
 
+def verdict(f: judged.Finding) -> str:
+    """``reproduced if direction translation``; ``not reproduced``; ``cannot be told, because`` with the reason."""
+    if f.verdict is judged.Verdict.CANNOT_BE_TOLD and f.missing:
+        return f"{f.verdict}, because {_missing(f.missing[0])}"
+    if f.verdict is judged.Verdict.REPRODUCED_IF and f.decision:
+        return describe_condition(f.decision)
+    return str(f.verdict)
+
+
+def condition_of(f: judged.Finding) -> str:
+    """The rest of the verdict after its first words: ``direction translation``; empty where there is none."""
+    words = verdict(f)
+    return words.removeprefix(str(f.verdict)).lstrip(" ,") if f.verdict is not judged.Verdict.REPRODUCED else ""
+
+
+def condition_and_share(f: judged.Finding) -> str:
+    """Words behind the verdict's mark: for which choices, and for how many of those tried."""
+    return "; ".join(filter(None, (condition_of(f), share(f))))
+
+
+def describe_condition(d: judged.Decision) -> str:
+    """``reproduced if tolerance at most 1e-05``, ``reproduced unless gain 0``, or values that suffice."""
+    if d.by:
+        return f"reproduced {'unless' if d.unless else 'if'} {condition(d)}"
+    if not d.any_of:
+        return "reproduced if choices are made as in the rows that hold"
+    terms = [" and ".join(setting(n, v) for n, v in c.at.items()) for c in d.any_of]
+    more = f", and in {plural(d.rest, 'setting')} more" if d.rest else ""
+    return f"reproduced if {', or if '.join(terms)}{more}"
+
+
 def share(f: judged.Finding | None) -> str:
-    """``39 of 76``, where one of many values suffices ``at 3 of 81``; the other verdicts of a borderline one."""
+    """``for all 4 tried``, ``for 39 of 76 tried``, of values along a dimension ``at 3 of 81``; borderline verdicts."""
     if f is None or not f.settings:
         return ""
-    flips = dict.fromkeys(f"{m.verdict} {m.holds} of {m.settings}" for m in f.borderline)
+    flips = dict.fromkeys(f"{m.verdict}, {m.holds} of {m.settings}" for m in f.borderline)
     met = f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
-    return f"{f.holds} of {f.settings}{met}" + (f" (borderline: {', '.join(flips)})" if flips else "")
+    return f"for {tried(f)}{met}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
+
+
+def tried(f: judged.Finding) -> str:
+    """``all 4 tried``, ``none of 34 tried``, ``39 of 76 tried``: the quantifier, the same for both sides."""
+    if f.holds == f.settings:
+        return "the one tried" if f.settings == 1 else f"all {f.settings} tried"
+    return f"{f.holds or 'none'} of {f.settings} tried"
 
 
 def distinct(f: judged.Finding) -> str:
@@ -107,8 +145,7 @@ def distinct(f: judged.Finding) -> str:
 def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[str]:
     out = []
     if f.settings:
-        percent = f", {100.0 * f.holds / f.settings:.0f} %" if f.verdict is judged.Verdict.MIXED else ""
-        out.append(f"{where} it holds in {f.holds} of {plural(f.settings, 'setting')}{percent}")
+        out.append(f"{where} it holds for {tried(f)}")
         out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
         out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
     out += map(_missing, f.missing)
@@ -132,7 +169,8 @@ def describe_missing(c: judged.Claim) -> str:
 def decision(c: judged.Claim, d: judged.Decision) -> str:
     """The condition that separates; else with what it always and never holds, and what matters most."""
     if d.by:
-        return f"{'always unless' if d.unless else 'only and always'} with {condition(d)}"
+        return f"it holds with {condition(d)} never, and always without" if d.unless else (
+            f"it holds with {condition(d)} always, and never without")  # fmt: skip
     yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
     parts = [f"{word} with {_list_conditions(some)}" for word, some in (("always", yes), ("never", no)) if some]
     if d.telling and d.telling in c.factors:

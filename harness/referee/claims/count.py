@@ -31,7 +31,7 @@ from ...results.naming import text_of
 from ...results.records import COLUMNS, RunRecord
 from ...suites.spec import RunSpec
 from . import register as given
-from .conditions import decision, factors
+from .conditions import decide_along, decision, factors
 from .evidence import MEASURES
 from .maps import Place, find_varied, place, select, values_of
 from .numbers import Numbers, SeriesOf, shorten
@@ -87,8 +87,8 @@ def _judge_claim(
         end = max(numbers.records[p.spec.settings_id].t_end_s for p in own)
         paper, beyond = _borderline(claim, (paper, beyond), lambda c: points(c, own, others, numbers), end)
     elif not (paper or beyond):
-        paper, beyond = (Finding(Verdict.UNTESTABLE),) * 2 if claim.map and claim.map.printed else (
-            None, Finding(Verdict.UNTESTABLE))  # fmt: skip
+        paper, beyond = (Finding(Verdict.CANNOT_BE_TOLD),) * 2 if claim.map and claim.map.printed else (
+            None, Finding(Verdict.CANNOT_BE_TOLD))  # fmt: skip
     twins = {p.places[0].spec.settings_id for row in rows for p in row[1:]}
     shown = _choose_shown(claim, counted)
     values = [v for v in (p.numbers[0] for p in counted) if v == v] or ([math.nan] if counted else [])
@@ -152,31 +152,33 @@ def _merge_equal(claim: given.Claim, found: Sequence[Point]) -> list[list[Point]
 
 
 def _findings(
-    claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool = True
+    claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool = True, explain: bool = True
 ) -> tuple[Finding | None, Finding | None]:
     """At the settings that the paper prints, and at the others; a row of which one is printed is at the paper's."""
     sides = [[row for row in rows if any(p.printed for p in row) is side] for side in (True, False)]
-    return tuple(_finding(claim, side, decide) if side else None for side in sides)  # type: ignore[return-value]
+    return tuple(_finding(claim, side, decide, explain) if side else None for side in sides)  # type: ignore[return-value]
 
 
-def _finding(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool) -> Finding:
+def _finding(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool, explain: bool) -> Finding:
     counted = [row for row in rows if row[0].holds is not None]
     holding = [row for row in counted if row[0].holds]
     every = [p for row in counted for p in row]
     left = Counter(row[0].left_out for row in rows if row[0].holds is None)
-    verdict = _verdict(claim, len(holding), len(counted)) if decide else Verdict.UNTESTABLE
+    verdict = _verdict(claim, len(holding), len(counted)) if decide else Verdict.CANNOT_BE_TOLD
     missing = _doubts(claim, [row[0] for row in counted], left) if decide else []
+    values = {q.dimensions[claim.across] for row in rows for p in row for q in p.places} if _one_suffices(claim) else ()
+    met = {v for p in every for v in p.met_at}
     why = None
     if missing:
-        verdict = Verdict.UNTESTABLE
-    elif verdict is Verdict.MIXED:
+        verdict = Verdict.CANNOT_BE_TOLD
+    elif verdict is Verdict.REPRODUCED_IF and explain:
         why = decision(_dimensions(claim, every))
-        verdict = Verdict.CONDITIONAL if why.by else Verdict.MIXED
-    values = {q.dimensions[claim.across] for row in rows for p in row for q in p.places} if _one_suffices(claim) else ()
+    elif verdict is Verdict.REPRODUCED and any(len(set(row[0].met_at)) < len(values) for row in counted):
+        verdict, why = Verdict.REPRODUCED_IF, decide_along(claim.across, tuple(met), values_of(values))
     return Finding(
         verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding), why, (),
         tuple(LeftOut(how, left[how]) for how in Ending if left[how]),
-        (len({v for p in every for v in p.met_at}), len(values)) if values else None, tuple(missing),
+        (len(met), len(values)) if values else None, tuple(missing),
     )  # fmt: skip
 
 
@@ -185,12 +187,12 @@ def _one_suffices(claim: given.Claim) -> bool:
 
 
 def _verdict(claim: given.Claim, holding: int, counted: int) -> Verdict:
-    """The verdict on some settings by their count; one that is MIXED may have a condition."""
+    """The verdict on some settings: for all of them, for some, which are to be named, or for none."""
     if not counted:
-        return Verdict.UNTESTABLE
+        return Verdict.CANNOT_BE_TOLD
     if holding == counted or (holding and claim.quantifier == "some"):
-        return Verdict.SUPPORTED
-    return Verdict.MIXED if holding else Verdict.REFUTED
+        return Verdict.REPRODUCED
+    return Verdict.REPRODUCED_IF if holding else Verdict.NOT_REPRODUCED
 
 
 def _doubts(claim: given.Claim, counted: Sequence[Point], left: Mapping[Ending, int]) -> list[Missing]:
@@ -228,8 +230,10 @@ def _borderline(
                 continue
             moved = replace(test, at_least=band.low, at_most=band.high)
             other = replace(claim, tests=(*claim.tests[:k], moved, *claim.tests[k + 1 :]))
-            for old, new, out in zip(sides, _findings(other, _merge_equal(other, tried(other))), flips, strict=True):
-                verdicts = {f.verdict for f in (old, new) if f} - {Verdict.UNTESTABLE}
+            for old, new, out in zip(
+                sides, _findings(other, _merge_equal(other, tried(other)), explain=False), flips, strict=True
+            ):
+                verdicts = {f.verdict for f in (old, new) if f} - {Verdict.CANNOT_BE_TOLD}
                 if new and len(verdicts) == 2:
                     out.append(Moved(k, by, new.verdict, new.holds, new.settings))  # type: ignore[arg-type]
     paper, beyond = (replace(f, borderline=tuple(m)) if f else None for f, m in zip(sides, flips, strict=True))

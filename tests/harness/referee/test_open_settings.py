@@ -26,17 +26,19 @@ def test_runs_ended_by_a_clock_are_left_out_and_named():
     """They would decide it, and another machine might let them go on: by a clock, out of memory, killed."""
     for columns in (CUT | {"steps": 8}, CUT | {"status": "memory"}):
         c = claim(records=one_of(columns))
-        assert c.verdict == "SUPPORTED" and "holds in 11 of 11" in because(c) and c.map[0].holds is None
+        assert c.verdict == "reproduced" and "holds for all 11 tried" in because(c) and c.map[0].holds is None
         assert c.beyond.left_out == (LeftOut(Ending.MACHINE, 1),)
     killed = {"status": "crashed", "message": "the solver was done, but measuring its motion took more than 120 s"}
-    assert claim(records=one_of(killed | {"t_reached_s": float("nan")})).verdict == "SUPPORTED"
+    assert claim(records=one_of(killed | {"t_reached_s": float("nan")})).verdict == "reproduced"
 
 
 def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
     """Nine steps to 3 of 10 s, of 0.5 s at most: at last 0.01 s a step is slow, 1e-3 s less than a hundredth, stuck."""
     slow, stuck = (claim(records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
     assert (
-        slow.verdict == "SUPPORTED" and slow.beyond.left_out == (LeftOut(Ending.SLOW, 1),) and slow.map[0].holds is None
+        slow.verdict == "reproduced"
+        and slow.beyond.left_out == (LeftOut(Ending.SLOW, 1),)
+        and slow.map[0].holds is None
     )
     assert stuck.beyond.left_out == (LeftOut(Ending.EARLY, 1),)  # final, and short of the end all the same
     at = 'map = "m"\ntests = [{ metric = "stops at", at_least = 9, unit = "s" }]\n'
@@ -81,8 +83,8 @@ def test_the_time_of_a_stop_is_asked_of_runs_that_stop():
     for stops, holds in ((3.0, True), (5.0, False)):
         c = claim(text, one_of({"status": "diverged", "t_reached_s": stops, "steps": 9}))
         assert c.map[0].holds is holds and c.beyond.left_out == (LeftOut(Ending.ENDED, 11),)
-    assert claim(text, one_of(CUT), pace(0.01)).verdict == "UNTESTABLE"
-    assert claim(text).verdict == "UNTESTABLE"
+    assert claim(text, one_of(CUT), pace(0.01)).verdict == "cannot be told"
+    assert claim(text).verdict == "cannot be told"
 
 
 def test_runs_that_took_no_step_are_left_out_and_named():
@@ -107,14 +109,14 @@ def test_a_comparison_with_a_run_cut_short_is_left_out():
         t = np.linspace(0.0, r.t_reached_s, 11)
         return series(t, phi_norm=np.ones(11))
 
-    for to, verdict in ((4.0, "UNTESTABLE"), (2.0, "SUPPORTED")):
+    for to, verdict in ((4.0, "cannot be told"), (2.0, "reproduced")):
         test = f'metric = "largest", series = "phi_norm", to = {to}, compare = "over largest", at_least = 1, unit = ""'
         assert claim(f"{head}tests = [{{ {test} }}]\n", found, of).verdict == verdict
 
 
 def test_no_setting_that_settles_it_is_untestable():
     c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in RUNS])
-    assert c.verdict == "UNTESTABLE" and [m.gap for m in c.missing] == [Gap.SETTLED]
+    assert c.verdict == "cannot be told" and [m.gap for m in c.missing] == [Gap.SETTLED]
     assert c.beyond.left_out == (LeftOut(Ending.MACHINE, 12),)
 
 
@@ -123,7 +125,7 @@ def test_the_count_of_those_that_hold_because_a_run_stopped():
     text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
     ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(RUNS)
     found = [record(x, position_error_judged_m=2.0, **e) for x, e in zip(RUNS, ends, strict=False)]
-    assert "holds in 12 of 12 settings. In 2 of these 12 because a run stopped before its end" in because(
+    assert "holds for all 12 tried. In 2 of these 12 because a run stopped before its end" in because(
         claim(text, found)
     )
     assert "because a run" not in because(claim(text, [record(x, position_error_judged_m=2.0) for x in RUNS]))
