@@ -93,6 +93,10 @@ def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
     yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"
     for where, f in claim_words.sides(c):
         yield f"{where}: {'; '.join(filter(None, (claim_words.verdict(f), claim_words.share(f))))}"
+    if words := claim_words.control(c):
+        yield f"control: {words}"
+    if words := claim_words.by_solver(c):
+        yield f"by solver: {words}"
     for k, t in enumerate(c.tests):
         number = f"{claim_words.format_measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"

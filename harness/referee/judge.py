@@ -63,7 +63,7 @@ def list_tried() -> tuple[RunSpec, ...]:
 def select_needed(register: Register) -> tuple[RunSpec, ...]:
     """The runs that the claims of ``register`` are tried on."""
     places = [place(s) for s in list_tried()]
-    maps = {m.name: m for c in register.claims for m in (c.map, c.against) if m}.values()
+    maps = {m.name: m for c in register.claims for m in (c.map, c.against, c.control) if m}.values()
     return tuple({p.spec.settings_id: p.spec for m in maps for p in select(places, m.over)}.values())
 
 

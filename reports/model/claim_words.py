@@ -105,6 +105,26 @@ def condition_of(f: judged.Finding) -> str:
     return words.removeprefix(str(f.verdict)).lstrip(" ,") if f.verdict is not judged.Verdict.REPRODUCED else ""
 
 
+def control(c: judged.Claim) -> str:
+    """``the control, rk45_strong_form, ... does so too``: what those do that are blamed for nothing; empty without."""
+    if c.control is None:
+        return ""
+    who = join_words(list(c.control.solvers))
+    f = c.control.finding
+    beside = f"the control, {who} in the same chart, at the same tolerance and on the same motion"
+    if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
+        return f"{beside}, settles nothing"
+    if not f.holds:
+        return f"{beside}, does not ({tried(f)})"
+    both = f", in {plural(c.control.both, 'setting')} where the claim holds" if c.control.both else ""
+    return f"{beside}, does so too ({tried(f)}){both}: there the claim tells nothing of its solvers apart"
+
+
+def by_solver(c: judged.Claim) -> str:
+    """``by ida_index1 reproduced, for all 4 tried; by ndf_index1 ...``; empty where there is one solver."""
+    return "; ".join(f"by {name} {', '.join(filter(None, (verdict(f), share(f))))}" for name, f in c.by_solver.items())
+
+
 def condition_and_share(f: judged.Finding) -> str:
     """Words behind the verdict's mark: for which choices, and for how many of those tried."""
     return "; ".join(filter(None, (condition_of(f), share(f))))

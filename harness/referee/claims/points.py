@@ -23,6 +23,7 @@ from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
 
 LOOSEST_FIRST = ("tolerance", "step", "max_step")
+BESIDE = ("problem", "omega_z", "literal_start", "release", "duration", "frame", "chart", "tolerance")  # of a control
 ACTS = 0.01  # of the mean step: a reduction that changes it by less has acted on no steps
 
 
@@ -57,10 +58,31 @@ def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers:
             if claim.across in LOOSEST_FIRST:
                 ordered.reverse()
             make = _nearest if claim.tests[0].combine == NEAREST else _point
-            found = make(claim, ordered, partners, numbers)
-            short = replace(found, holds=None, left_out=Ending.UNCOMPARED, stopped=False, met_at=())
-            out.append(found if _spans(claim, ordered) else short)
+            for own, spans in _split_ranges(claim, ordered):
+                found = make(claim, own, partners, numbers)
+                short = replace(found, holds=None, left_out=Ending.UNCOMPARED, stopped=False, met_at=())
+                out.append(found if spans else short)
     return out
+
+
+def _split_ranges(claim: Claim, group: Sequence[Place]) -> list[tuple[list[Place], bool]]:
+    """The group, or its part in each range of the claim, a dimension of its own; and whether it spans what it must."""
+    if not claim.ranges:
+        return [(list(group), _spans(claim, group))]
+    out = []
+    for ends in claim.ranges:
+        named = {f"{claim.across} range": f"{ends[0]:g} to {ends[1]:g}"}
+        inside = [p for p in group if min(ends) <= p.dimensions[claim.across] <= max(ends)]
+        if len(inside) > 1:
+            spans = {p.dimensions[claim.across] for p in inside} >= set(ends)
+            out.append(([replace(p, dimensions={**p.dimensions, **named}) for p in inside], spans))
+    return out
+
+
+def stands_beside(claim: Claim, p: Place, q: Place) -> bool:
+    """Whether a control run ``q`` is of the motion, chart and tolerance of ``p``, as far as both have them."""
+    shared = (k for k in BESIDE if k in p.dimensions and k in q.dimensions and k != claim.across)
+    return all(p.dimensions[k] == q.dimensions[k] for k in shared)
 
 
 def is_partner(claim: Claim, p: Place, q: Place) -> bool:

@@ -1,7 +1,10 @@
 """Verdicts on claims of the paper, with what they rest on."""
 
+import math
 from enum import StrEnum
 from typing import Any, Literal
+
+import msgspec
 
 from ...shapes import Shape
 
@@ -134,6 +137,14 @@ class Finding(Shape, frozen=True):
     missing: tuple[Missing, ...] = ()  # why a count settles nothing
 
 
+class Control(Shape, frozen=True):
+    """What other solvers do that are asked the same in the same chart, at the same tolerance and on the same motion."""
+
+    solvers: tuple[str, ...]
+    finding: Finding  # on those beside the settings of the first verdict
+    both: int = 0  # of these settings: the claim holds in them, and so it does for the control beside
+
+
 class Because(Shape, frozen=True):
     """Evidence for verdicts beside their counts."""
 
@@ -154,6 +165,8 @@ class MapRow(Shape, frozen=True):
     status: str
     printed: bool
     twin: bool = False  # its series is that of an earlier row
+    control: float = math.nan  # the same number of the control beside it
+    control_holds: bool | None = None
 
 
 class Claim(Shape, frozen=True):
@@ -177,6 +190,8 @@ class Claim(Shape, frozen=True):
     settings_ids: tuple[str, ...]
     factors: dict[str, tuple[Count, ...]]
     map: tuple[MapRow, ...]
+    by_solver: dict[str, Finding] = msgspec.field(default_factory=dict)  # the first finding, where there are several
+    control: Control | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
