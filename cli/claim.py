@@ -47,6 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
         return int(changed)
     for line in _describe_claim(found, len(judging.select_needed(alone))):
         console().print(line, markup=False, highlight=False)
+    for line in claim_words.list_rows(found) if arguments.rows else ():
+        console().print(line, markup=False, highlight=False, soft_wrap=True)
     if arguments.make and published:
         console().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):

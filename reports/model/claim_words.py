@@ -211,6 +211,26 @@ def describe_count(c: judged.Claim) -> str:
     return f"holds in {holds} of {settings} settings{f', {left} left out' if left else ''}"
 
 
+def list_rows(c: judged.Claim, most: int | None = None) -> list[str]:
+    """A line a setting: printed or not, holds or not, the number and the control's, and the command that repeats it.
+
+    Those that the paper prints come first, then those that hold; ``most`` of them.
+    """
+    order = {True: 0, False: 1, None: 2}
+    rows = sorted(c.map, key=lambda m: (not m.printed, order[m.holds]))
+    return [_describe_row(c, m) for m in rows[:most]]
+
+
+def _describe_row(c: judged.Claim, m: judged.MapRow) -> str:
+    holds = {True: "holds", False: "does not hold", None: "open"}[m.holds]
+    first = c.tests[0].unit if c.tests else ""
+    number_of_it = "no number" if m.measured != m.measured else f"{number(m.measured)} {unit(first)}".strip()
+    control = f", control {number(m.control)}" if m.control == m.control else ""
+    more = f", with {plural(m.more, 'run')} more along {c.because.across}" if m.more else ""
+    where = "printed" if m.printed else "beyond"
+    return f"{where}, {holds}: {number_of_it}{control}, {m.status}{more}: {m.command or m.case}"
+
+
 def figures(c: judged.Claim) -> str:
     """``6 and 7``."""
     return join_words([str(n) for n in c.figure])

@@ -27,6 +27,7 @@ from ...results.judgements.claims import (
 )
 from ...results.naming import text_of
 from ...results.records import COLUMNS, RunRecord
+from ...results.reproduce import write_command
 from ...suites.spec import RunSpec
 from . import register as given
 from .conditions import factors
@@ -194,4 +195,5 @@ def _row(
     settings_id = first.spec.settings_id
     return MapRow(settings_id, first.spec.case, len(p.places) - 1, at, p.holds, shorten(p.numbers[0]),
                   records[settings_id].status, p.printed, settings_id in twins,
-                  *((shorten(control.numbers[0]), control.holds) if control else ()))  # fmt: skip
+                  *((shorten(control.numbers[0]), control.holds) if control else (math.nan, None)),
+                  command=write_command(records[settings_id], out="run.npz"))  # fmt: skip

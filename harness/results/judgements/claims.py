@@ -167,6 +167,7 @@ class MapRow(Shape, frozen=True):
     twin: bool = False  # its series is that of an earlier row
     control: float = math.nan  # the same number of the control beside it
     control_holds: bool | None = None
+    command: str = ""  # that repeats its run, the first of several
 
 
 class Claim(Shape, frozen=True):
@@ -226,3 +227,4 @@ class Published(Shape, frozen=True):
     schema: Literal[3]
     code: Code
     claims: tuple[Claim, ...]
+    commands: dict[str, str] = msgspec.field(default_factory=dict)  # by settings_id, for rows that have none

@@ -5,10 +5,17 @@ import math
 import numpy as np
 import pytest
 
+from mbsbench.harness.places import Place
 from mbsbench.harness.referee.claims.predicates import Band
-from mbsbench.harness.results.judgements.claims import Ending, Gap, LeftOut
-from mbsbench.harness.results.judgements.files import shorten_claims
-from mbsbench.reports.model.claim_words import because, condition, distinct, share, verdict
+from mbsbench.harness.results.judgements.claims import Code, Ending, Gap, LeftOut
+from mbsbench.harness.results.judgements.files import (
+    CLAIMS,
+    add_code,
+    format_judgement,
+    read_judgement,
+    shorten_claims,
+)
+from mbsbench.reports.model.claim_words import because, condition, distinct, list_rows, share, verdict
 
 from .claiming import RUNS, TEST, claim, options
 from .synthetic import record, series
@@ -196,10 +203,17 @@ def test_equal_series_of_which_the_others_differ_are_two():
     assert claim(text, found).beyond.settings == 12
 
 
-def test_what_is_published_has_no_maps_but_a_row_that_stands_alone():
+def test_every_row_is_published_with_its_number_and_command(tmp_path):
+    """Number, holds or not, printed or not; the command of a run stands once in the file, and is back in each row."""
     own = [c for c in RUNS if c.solver == "ida_index1"]
-    c = claim(records=[record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
+    c = claim(PRINTED, [record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
     (kept,) = shorten_claims([c])
-    assert [m.settings_id for m in kept.map] == [own[0].settings_id] and not kept.settings_ids
+    assert [(m.holds, m.measured, m.printed) for m in kept.map] == [(m.holds, m.measured, m.printed) for m in c.map]
+    assert len(kept.map) == 12 and not kept.settings_ids and kept.map[0].command.startswith("mbsbench solve")
     assert kept.verdicts == c.verdicts and because(kept) == because(c)
-    assert shorten_claims([claim()])[0].map == ()
+    (tmp_path / "claims.json").write_text(format_judgement(add_code([kept, kept], Code({}, {}, "", "", ""))))
+    text = (tmp_path / "claims.json").read_text()
+    assert text.count("mbsbench solve") == 12
+    for found in read_judgement(CLAIMS, Place(tmp_path)):
+        assert list_rows(found) == list_rows(kept)
+    assert list_rows(kept)[0].startswith("printed, holds: 0.100 p, success: mbsbench solve spherical_pendulum ida_index1")
