@@ -15,7 +15,15 @@ from ..harness.referee.currency import code_now, describe_older, find_older_runs
 from ..harness.referee.judge import Change, find_changes, judge_results, write_judgements
 from ..harness.results import store
 from ..harness.results.judgements.claims import SCHEMA, Claim, Finding, Gap, Verdict
-from ..harness.results.judgements.files import FOLDER, ORDERS, PUBLISHED, format_judgement, read_claims, shorten_claims
+from ..harness.results.judgements.files import (
+    FOLDER,
+    ORDERS,
+    PUBLISHED,
+    add_code,
+    format_judgement,
+    read_claims,
+    shorten_claims,
+)
 from ..harness.results.judgements.runs import Order
 from ..harness.results.provenance import stamp_of
 from ..harness.suites.spec import RunSpec
@@ -69,7 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
     changed = [c for c in find_changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
     orders = select_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
-        plain = {"schema": SCHEMA, "code": code, "claims": judged["claims"], "orders": orders}
+        told = add_code(judged["claims"], code)
+        plain = {"schema": SCHEMA, "code": code, "claims": told.claims, "commands": told.commands, "orders": orders}
         console().print(format_judgement(plain), end="")
     else:
         known = whole if arguments.partial else judged["claims"]

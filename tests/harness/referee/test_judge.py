@@ -153,7 +153,8 @@ def test_json_is_the_claims_and_the_orders(made, capsys, monkeypatch):
     monkeypatch.setattr(judging, "OTHERS", (("certificates", lambda *_: (low, replace(low, quantity="energy"))),))
     assert call("--json") == 0
     said = json.loads(capsys.readouterr().out)
-    assert {k: said[k] for k in ("schema", "code", "claims")} == written(folder) and said["schema"] == 2
+    assert {k: said[k] for k in ("schema", "code", "claims", "commands")} == written(folder)
+    assert said["schema"] == 3
     assert [(o["quantity"], o["verdict"]) for o in said["orders"]] == [("position", "below declared")]
 
 
