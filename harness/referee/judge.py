@@ -26,7 +26,7 @@ from .currency import describe_changes
 from .false_successes import find_false_successes
 
 WHOLE = "referee"  # the suite that everything is judged on
-SUITES = ("paper", "claims", "readings", "work")  # claims are tried on their runs; all are in the suite ``referee``
+SUITES = ("paper", "claims", "readings", "controls", "work")  # claims are tried on their runs; all are in ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     (files.ORDERS.name, certify), (files.DRIFTS.name, analyse_drift), (files.SYMMETRIES.name, check_symmetries),
     (files.WORK.name, collect_work),

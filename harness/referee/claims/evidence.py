@@ -12,7 +12,7 @@ import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
-from . import equations, steps  # enter their measures
+from . import conditioning, equations, steps  # enter their measures
 from .measures import (
     END,
     MEASURES,
@@ -27,7 +27,7 @@ from .measures import (
     stretch,
 )
 
-__all__ = ["MEASURES", "equations", "evaluate", "evaluate_pair", "steps"]
+__all__ = ["MEASURES", "conditioning", "equations", "evaluate", "evaluate_pair", "steps"]
 
 
 def _largest(a: np.ndarray) -> float:

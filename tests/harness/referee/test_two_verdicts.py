@@ -216,4 +216,6 @@ def test_every_row_is_published_with_its_number_and_command(tmp_path):
     assert text.count("mbsbench solve") == 12
     for found in read_judgement(CLAIMS, Place(tmp_path)):
         assert list_rows(found) == list_rows(kept)
-    assert list_rows(kept)[0].startswith("printed, holds: 0.100 p, success: mbsbench solve spherical_pendulum ida_index1")
+    assert list_rows(kept)[0].startswith(
+        "printed, holds: 0.100 p, success: mbsbench solve spherical_pendulum ida_index1"
+    )
