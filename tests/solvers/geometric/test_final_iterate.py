@@ -6,6 +6,7 @@ import pytest
 from mbsbench import StepControl
 from mbsbench.api import solve
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.motion import constraint_rate
 from mbsbench.solvers.formulations.methods.choices import FINAL_ITERATES
 
 from ..runs import error, orders, pendulum, run
@@ -83,3 +84,15 @@ def test_code_for_the_mechanism_refuses_other_iterates():
     problem = make_problem("heavy_top", {"t_end": 0.01})
     solver = make_solver("gc_weak_form", {"code": "mechanism", "final_iterate": "corrected"})
     assert "another final_iterate than passing" in solver.refuses(problem, StepControl(dt=1e-3))
+
+
+def test_a_low_penalty_leaves_no_phi_dot_that_velocities_can_take_away():
+    """(81) on the grid's redundant rows, proximal loop: phi_dot near the tolerance, and the motion of a high penalty.
+
+    What no velocity can change of phi_dot is phi = O(dt^3) of a step, far below.
+    """
+    problem = make_problem("four_bar_grid", {"t_end": 0.2})
+    options = {"newton": "exact", "tolerance": 1e-10, "correct_pose": "never"}
+    low, high = (run(problem, 0.01, "gc_augmented_lagrangian", penalty=xi, **options) for xi in (1e3, 1e7))
+    assert np.max(np.abs(constraint_rate(problem.system, low.states))) < 1e-8
+    assert np.max(np.abs(low.states.r - high.states.r)) < 1e-9
