@@ -26,7 +26,7 @@ from mbsbench.harness.results.judgements.files import (
 )
 from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
 from mbsbench.reports.model.catalogue import is_engine
-from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured
+from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured, tried
 from mbsbench.reports.model.frontier import least
 from mbsbench.reports.model.words import number, plural
 from mbsbench.reports.plots.paper import DOUBLE, INK, SINGLE, sheet
@@ -119,6 +119,14 @@ def found(name: str, side: str = "paper") -> str:
     d = f.decision
     only = f", always and only with {in_words(condition(d))}" if d and d.by and not d.unless else ""
     return f"holds in {share} {where} settings{met}{only}"
+
+
+def beside(name: str) -> str:
+    """`` (so do others beside it: for 3 of 41 tried)``: what the control of the claim does; empty without one."""
+    c = claim(name).control
+    if c is None or not c.finding.settings:
+        return ""
+    return in_words(f" ({' and '.join(c.solvers)} beside it: {tried(c.finding)})")
 
 
 def where(name: str, side: str = "paper", **at: str) -> Condition:
@@ -422,7 +430,7 @@ TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cos
                                           "engines": engine_table}  # fmt: skip
 FIGURES: dict[str, Callable[[], Figure]] = {"frontier": draw_frontier, "growth": draw_growth}
 NAMES: dict[str, Any] = {f.__name__: f for f in (
-    claim, count, judged, judged_twice, judged_none, found, where, share, fails, met, borderline, objections, runs,
-    solvers, false_successes, point, drift, cheapest, growth, paper, plural, format_measured, contest, engines, within,
+    claim, count, judged, judged_twice, judged_none, found, beside, where, share, fails, met, borderline, objections,
+    runs, solvers, false_successes, point, drift, cheapest, growth, paper, plural, format_measured, contest, engines, within,
     engines_lead, chain_span, shadowed, late_errors, shadow_distances, shadow, ensembles_that_differ,
 )} | {"factor": f"{FACTOR:g}"}  # fmt: skip

@@ -106,18 +106,18 @@ def condition_of(f: judged.Finding) -> str:
 
 
 def control(c: judged.Claim) -> str:
-    """``the control, rk45_strong_form, ... does so too``: what those do that are blamed for nothing; empty without."""
+    """``rk45_strong_form, in the same chart, ... does so too``; empty without a control."""
     if c.control is None:
         return ""
     who = join_words(list(c.control.solvers))
     f = c.control.finding
-    beside = f"the control, {who} in the same chart, at the same tolerance and on the same motion"
+    beside = f"{who}, in the same chart, at the same tolerance and on the same motion,"
     if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
-        return f"{beside}, settles nothing"
+        return f"{beside} settles nothing"
     if not f.holds:
-        return f"{beside}, does not ({tried(f)})"
+        return f"{beside} does not ({tried(f)})"
     both = f", in {plural(c.control.both, 'setting')} where the claim holds" if c.control.both else ""
-    return f"{beside}, does so too ({tried(f)}){both}: there the claim tells nothing of its solvers apart"
+    return f"{beside} does so too ({tried(f)}){both}: there the claim tells nothing of its own solvers"
 
 
 def by_solver(c: judged.Claim) -> str:

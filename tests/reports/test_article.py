@@ -38,7 +38,7 @@ def built(article, tmp_path_factory):
     ('It holds: {{ claim("no-such").paper.holds }}.', "the claim 'no-such': published results hold 0 of it"),
     ('It holds: {{ claim("1-one-step").paper.decision }}.', "None"),
     ('It holds: {{ share("6-gc-planar", direction="none") }}.', "published results hold 0 of it"),
-    ('It holds: {{ share("9-loose-goes-on") }}.', "has no settings to count"),
+    ('It holds: {{ share("12-joint-A") }}.', "has no settings to count"),
     ('{% assert judged_none("1-one-step") %}It is false.', "contradict the sentence"),
     ('{% assert claim("1-one-step").verdict == "not reproduced" %}It is false.', "contradict the sentence"),
     ("Line one.\n\n{{ open", "article.j2:3: "),
