@@ -431,6 +431,6 @@ TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cos
 FIGURES: dict[str, Callable[[], Figure]] = {"frontier": draw_frontier, "growth": draw_growth}
 NAMES: dict[str, Any] = {f.__name__: f for f in (
     claim, count, judged, judged_twice, judged_none, found, beside, where, share, fails, met, borderline, objections,
-    runs, solvers, false_successes, point, drift, cheapest, growth, paper, plural, format_measured, contest, engines, within,
-    engines_lead, chain_span, shadowed, late_errors, shadow_distances, shadow, ensembles_that_differ,
+    runs, solvers, false_successes, point, drift, cheapest, growth, paper, plural, format_measured, contest, engines,
+    within, engines_lead, chain_span, shadowed, late_errors, shadow_distances, shadow, ensembles_that_differ,
 )} | {"factor": f"{FACTOR:g}"}  # fmt: skip

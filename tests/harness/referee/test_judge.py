@@ -203,7 +203,7 @@ def test_texts_of_a_register_are_not_markup(made, capsys):
 
 CHEAP = (  # claims whose runs take half a minute or so: most problems, most verdicts
     "1-one-step", "1-any-tolerance", "5-gc-near-tolerance", "5-ode45-smallest", "7-start", "11-gc-coincident",
-    "11-ode45-coincident", "11-ode45-step-decrease", "12-redundant", "12-joint-A", "4-nonholonomic", "6-rheonomic",
+    "11-ode45-coincident", "11-ode45-step-decrease", "beyond-redundant", "12-joint-A", "4-nonholonomic", "6-rheonomic",
     "general-no-scaling",
 )  # fmt: skip
 
