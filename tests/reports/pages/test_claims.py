@@ -13,6 +13,7 @@ from mbsbench.reports.model.claim_words import (
     describe_count,
     describe_missing,
     format_measured,
+    list_rows,
 )
 from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
 from mbsbench.reports.pages.svg import describe_bar, number_line, scale_for
@@ -159,3 +160,14 @@ def test_a_place_that_many_runs_share_is_one_box_with_their_count():
     (box,) = grids(many, NONE)[0]["rows"][0][0]
     assert (box["mark"].symbol, box["mark"].kind) == ("3/8", "failed")
     assert box["words"].startswith("3 of 8 runs hold, 0 do not and stopped; first case 0")
+
+
+def test_rows_are_listed_with_number_finding_and_command():
+    """Printed ones first, then those that hold; a row without a command has its case."""
+    own = rows()[3]
+    listed = list_rows(own)
+    assert len(listed) == len(own.map) and len(list_rows(own, 2)) == 2
+    assert [x.startswith("printed") for x in listed] == sorted((m.printed for m in own.map), reverse=True)
+    row = replace(own.map[0], command="mbsbench solve x", control=0.5, printed=True, holds=True, measured=0.25)
+    (words,) = list_rows(replace(own, map=(row,)))
+    assert words.startswith("printed, holds: 0.250 m, control 0.500") and words.endswith(": mbsbench solve x")
