@@ -117,7 +117,7 @@ def control(c: judged.Claim) -> str:
     if not f.holds:
         return f"{beside} does not ({tried(f)})"
     both = f", in {plural(c.control.both, 'setting')} where the claim holds" if c.control.both else ""
-    return f"{beside} does so too ({tried(f)}){both}: there the claim tells nothing of its own solvers"
+    return f"{beside} does so too ({tried(f)}{_met(f)}){both}: there the claim tells nothing of its own solvers"
 
 
 def by_solver(c: judged.Claim) -> str:
@@ -146,8 +146,11 @@ def share(f: judged.Finding | None) -> str:
     if f is None or not f.settings:
         return ""
     flips = dict.fromkeys(f"{m.verdict}, {m.holds} of {m.settings}" for m in f.borderline)
-    met = f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
-    return f"for {tried(f)}{met}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
+    return f"for {tried(f)}{_met(f)}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
+
+
+def _met(f: judged.Finding) -> str:
+    return f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
 
 
 def tried(f: judged.Finding) -> str:
