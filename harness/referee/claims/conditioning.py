@@ -49,7 +49,7 @@ def eq_32(record: RunRecord, series: Series | None, of: str) -> float:
     v = _velocities(s)
     loads = [_loads(system, _with_velocities(s, v + sign * LITTLE * row)) for row in c for sign in (1.0, -1.0)]
     slopes = (np.array(loads[::2]) - np.array(loads[1::2])) / (2.0 * LITTLE)
-    return float(np.min(-np.sum(slopes * c, axis=1)))
+    return float(np.min(-np.sum(slopes * c, axis=1))) + 0.0  # no -0
 
 
 @cache
