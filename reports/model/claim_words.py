@@ -136,9 +136,31 @@ def describe_condition(d: judged.Decision) -> str:
         return f"reproduced {'unless' if d.unless else 'if'} {condition(d)}"
     if not d.any_of:
         return "reproduced if choices are made as in the rows that hold"
-    terms = [" and ".join(setting(n, v) for n, v in c.at.items()) for c in d.any_of]
+    terms = [" and ".join(_list_values(n, vs) for n, vs in at.items()) for at in _join_terms(d.any_of)]
     more = f", and in {plural(d.rest, 'setting')} more" if d.rest else ""
     return f"reproduced if {', or if '.join(terms)}{more}"
+
+
+def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[judged.Value]]]:
+    """The conditions, those that differ in the value of one dimension as one with both values."""
+    out: list[dict[str, list[judged.Value]]] = []
+    for c in conditions:
+        for term in (t for t in out if t.keys() == c.at.keys()):
+            apart = [n for n in term if c.at[n] not in term[n]]
+            if len(apart) == 1 and all(len(values) == 1 for n, values in term.items() if n != apart[0]):
+                term[apart[0]].append(c.at[apart[0]])
+                break
+        else:
+            out.append({n: [v] for n, v in c.at.items()})
+    return out
+
+
+def _list_values(name: str, values: Sequence[judged.Value]) -> str:
+    """``tolerance 1e-10, 1e-09 or 3e-09``."""
+    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    ordered = sorted(values) if numbers else list(values)  # type: ignore[type-var]
+    first, *rest = ordered
+    return " or ".join([setting(name, first), *(value(name, v) for v in rest)])
 
 
 def share(f: judged.Finding | None) -> str:

@@ -14,7 +14,7 @@ from .maps import find_varied, same, values_of
 Points = Sequence[tuple[Mapping[str, Any], bool]]
 MOST_VALUES = 3  # of a dimension that a condition names one by one
 MOST_NAMED = 4  # conditions of each kind; the rest is in the map
-MOST_SUFFICIENT = 3  # conditions, each of which suffices, that a verdict names
+MOST_SUFFICIENT = 5  # conditions, each of which suffices, that a verdict names
 MOST_TOGETHER = 3  # dimensions of one of these
 
 
