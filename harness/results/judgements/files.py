@@ -66,8 +66,9 @@ def _read(folder: Place, name: str, kind: Any) -> Any:
         raise FileNotFoundError(path.path)
     where = f"{path.parent.name}/{path.name}"
     plain = parse_json(read_text(path, "the judgement"), where)
-    if kind is Published and isinstance(plain, list):
-        raise FileError(f"{where}: of an older version (schema 1, expected {SCHEMA})")
+    schema = 1 if isinstance(plain, list) else plain.get("schema") if isinstance(plain, dict) else None
+    if kind is Published and schema in range(1, SCHEMA):
+        raise FileError(f"{where}: of an older version (schema {schema}, expected {SCHEMA})")
     return convert_shape(_restore_nan(plain, kind), kind, where)
 
 
