@@ -47,6 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
         return int(changed)
     for line in _describe_claim(found, len(judging.select_needed(alone))):
         console().print(line, markup=False, highlight=False)
+    for line in claim_words.list_rows(found) if arguments.rows else ():
+        console().print(line, markup=False, highlight=False, soft_wrap=True)
     if arguments.make and published:
         console().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):
@@ -92,7 +94,11 @@ def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
     figures = f", Fig. {claim_words.figures(c)}" if c.figure else ""
     yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"
     for where, f in claim_words.sides(c):
-        yield f"{where}: {f.verdict} {claim_words.share(f)}".rstrip()
+        yield f"{where}: {'; '.join(filter(None, (claim_words.verdict(f), claim_words.share(f))))}"
+    if words := claim_words.control(c):
+        yield f"control: {words}"
+    if words := claim_words.by_solver(c):
+        yield f"by solver: {words}"
     for k, t in enumerate(c.tests):
         number = f"{claim_words.format_measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"

@@ -276,6 +276,7 @@ def _add_claim(commands: Any) -> None:
     judged = f"{RESULTS}, judged (default: as published)"
     p.add_argument("results", nargs="?", metavar="RESULTS", help=judged)
     p.add_argument("--run", dest="make", action="store_true", help="make the runs of its map alone, and judge these")
+    p.add_argument("--rows", action="store_true", help="also list every setting: number, holds or not, and its command")
     p.add_argument("--out", metavar="DIR", help="with --run: results folder (default: results/local/claim-ID-<time>)")
     add_jobs(p)
 

@@ -16,7 +16,15 @@ from ..harness.referee.currency import code_now, describe_older, find_older_runs
 from ..harness.referee.judge import Change, find_changes, judge_results, write_judgements
 from ..harness.results import store
 from ..harness.results.judgements.claims import SCHEMA, Claim, Finding, Gap, Verdict
-from ..harness.results.judgements.files import FOLDER, ORDERS, PUBLISHED, format_judgement, read_claims, shorten_claims
+from ..harness.results.judgements.files import (
+    FOLDER,
+    ORDERS,
+    PUBLISHED,
+    add_code,
+    format_judgement,
+    read_claims,
+    shorten_claims,
+)
 from ..harness.results.judgements.runs import Order
 from ..harness.results.provenance import stamp_of
 from ..harness.suites.spec import RunSpec
@@ -27,8 +35,8 @@ from .progress import announce
 from .terminal import Column, console, error_console, plural, print_table, print_unreadable
 
 STYLE = {
-    Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.MIXED: "yellow", Verdict.REFUTED: "bold red",
-    Verdict.UNTESTABLE: "dim",
+    Verdict.REPRODUCED: "green", Verdict.REPRODUCED_IF: "yellow", Verdict.NOT_REPRODUCED: "bold red",
+    Verdict.CANNOT_BE_TOLD: "dim",
 }  # fmt: skip
 AGAIN = f"mbsbench run {judging.WHOLE} --resume"
 COLUMNS = (
@@ -73,7 +81,8 @@ def run(arguments: argparse.Namespace) -> int:
     changed = [c for c in find_changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
     orders = select_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
-        plain = {"schema": SCHEMA, "code": code, "claims": judged["claims"], "orders": orders}
+        told = add_code(judged["claims"], code)
+        plain = {"schema": SCHEMA, "code": code, "claims": told.claims, "commands": told.commands, "orders": orders}
         console().print(format_judgement(plain), end="")
     else:
         known = whole if arguments.partial else judged["claims"]
@@ -128,7 +137,8 @@ def show_orders(orders: Sequence[Order]) -> None:
 
 def format_verdict(f: Finding | None) -> Text:
     """A verdict and the settings where the claim holds; a dash where there is none to give."""
-    return Text(f"{f.verdict} {claim_words.share(f)}".strip(), STYLE[f.verdict]) if f else Text("–", "dim")
+    words = "; ".join(filter(None, (claim_words.verdict(f), claim_words.share(f)))) if f else "–"
+    return Text(words, STYLE[f.verdict] if f else "dim")
 
 
 def count_verdicts(claims: Sequence[Claim]) -> str:
@@ -139,6 +149,6 @@ def count_verdicts(claims: Sequence[Claim]) -> str:
         found = Counter(f.verdict for c in results if (f := (c.paper, c.beyond)[k]))
         out.append(f"{where}: " + ", ".join(f"{found[v]} {v}" for v in STYLE))
     checks = [c for c in claims if c.kind == PRESENTATION]
-    good = sum(c.verdict == Verdict.SUPPORTED for c in checks)
-    out += [f"checks of the presentation: {good} of {len(checks)} SUPPORTED"] if checks else []
+    good = sum(c.verdict == Verdict.REPRODUCED for c in checks)
+    out += [f"checks of the presentation: {good} of {len(checks)} reproduced"] if checks else []
     return "\n".join(out)

@@ -14,15 +14,15 @@ from typing import Any
 
 from mbsbench.harness.results.judgements.claims import Finding
 from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_judgement
-from mbsbench.reports.model.claim_words import share
+from mbsbench.reports.model.claim_words import control, share, verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "docs" / "decisions" / "verdicts.toml"
 
 
 def cell(finding: Finding | None) -> str:
-    """``MIXED 39 of 76``; a dash where there is no such setting."""
-    return f"{finding.verdict} {share(finding)}".strip() if finding else "–"
+    """``reproduced if gain 0; for 39 of 76 tried``; a dash where there is no such setting."""
+    return "; ".join(filter(None, (verdict(finding), share(finding)))) if finding else "–"
 
 
 def table() -> str:
@@ -30,11 +30,13 @@ def table() -> str:
     data = tomllib.loads(DATA.read_text(encoding="utf-8"))
     claims = {c.id: c for c in read_judgement(CLAIMS, PUBLISHED)}
     before, reasons = data.get("before", {}), data.get("reasons", {})
-    rows = ["| claim | published before | at the paper's settings | beyond them | reason |", "|---|---|---|---|---|"]
+    heads = ("claim", "published before", "at the paper's settings", "beyond them", "control", "reason", "its runs")
+    rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name in dict.fromkeys([*claims, *before]):
         c = claims.get(name)
-        now = (cell(c.paper), cell(c.beyond)) if c else ("dropped", "")
-        rows.append(f"| `{name}` | {before.get(name, 'new')} | {now[0]} | {now[1]} | {reasons.get(name, '')} |")
+        now = (cell(c.paper), cell(c.beyond), control(c)) if c else ("dropped", "", "")
+        again = f"`mbsbench claim {name} --run`" if c and c.map else ""
+        rows.append(f"| {' | '.join((f'`{name}`', before.get(name, 'new'), *now, reasons.get(name, ''), again))} |")
     return "\n".join(rows) + "\n"
 
 

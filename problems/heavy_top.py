@@ -58,6 +58,7 @@ def heavy_top(
         observables=(
             Observable("theta", r"\theta", "deg", _nutation),
             Observable("phi_dot", r"\dot\varphi", "rad/s", _precession_rate),
+            Observable("psi_dot", r"\dot\psi", "rad/s", _spin_rate),
             Observable("C_x", "X_C", "m", lambda s: s.r[:, 0, 0]),
             Observable("C_y", "Y_C", "m", lambda s: s.r[:, 0, 1]),
             Observable("C_z", "Z_C", "m", lambda s: s.r[:, 0, 2]),
@@ -74,6 +75,11 @@ def _nutation(s: States) -> Float[np.ndarray, " nt"]:
     """Angle of the axis to OZ [deg]."""
     axis = s.R[:, 0, :, 2]
     return np.rad2deg(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2]))
+
+
+def _spin_rate(s: States) -> Float[np.ndarray, " nt"]:
+    """psi_dot = Omega_z - phi_dot cos(theta); NaN with the axis upright."""
+    return s.Omega[:, 0, 2] - _precession_rate(s) * s.R[:, 0, 2, 2]
 
 
 def _precession_rate(s: States) -> Float[np.ndarray, " nt"]:

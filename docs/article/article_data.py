@@ -26,15 +26,15 @@ from mbsbench.harness.results.judgements.files import (
 )
 from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
 from mbsbench.reports.model.catalogue import is_engine
-from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured
+from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured, tried
 from mbsbench.reports.model.frontier import least
 from mbsbench.reports.model.words import number, plural
 from mbsbench.reports.plots.paper import DOUBLE, INK, SINGLE, sheet
 from mbsbench.reports.plots.spec import looks
 
 OURS = re.compile(r"beyond-|.*-control|.*-ida$|.*-lower-index-")  # asked by us of other methods, not said in the paper
-COLOURS = {"SUPPORTED": "#3D62C7", "CONDITIONAL": "#62AF96", "MIXED": "#E0B040", "REFUTED": "#BB3939",
-           "UNTESTABLE": "#B9BFC6"}  # fmt: skip
+COLOURS = {"reproduced": "#3D62C7", "reproduced if": "#E0B040", "not reproduced": "#BB3939",
+           "cannot be told": "#B9BFC6"}  # fmt: skip
 RACE = ("gc_weak_form", "gc_augmented_lagrangian", "rattle", "generalized_alpha", "energy_momentum", "ida_index1",
         "ida_index3", "ndf_index1", "rk45_strong_form", "rkmk_dop853")  # fmt: skip
 WORDS = {"gc_weak_form": "ODE-GC, weak form", "gc_augmented_lagrangian": "ODE-GC, augmented", "rattle": "RATTLE",
@@ -109,7 +109,7 @@ def found(name: str, side: str = "paper") -> str:
     where = "printed" if side == "paper" else "further" if claim(name).paper else "tried"
     if f is None:
         raise Fault(f"the claim {name!r} has no {where} settings")
-    if f.verdict is Verdict.UNTESTABLE:
+    if f.verdict is Verdict.CANNOT_BE_TOLD:
         return f"cannot be judged from the {where} settings"
     if f.settings == 1:
         return f"{'holds' if f.holds else 'does not hold'} in the one {where} setting"
@@ -119,6 +119,14 @@ def found(name: str, side: str = "paper") -> str:
     d = f.decision
     only = f", always and only with {in_words(condition(d))}" if d and d.by and not d.unless else ""
     return f"holds in {share} {where} settings{met}{only}"
+
+
+def beside(name: str) -> str:
+    """`` (so do others beside it: for 3 of 41 tried)``: what the control of the claim does; empty without one."""
+    c = claim(name).control
+    if c is None or not c.finding.settings:
+        return ""
+    return in_words(f" ({' and '.join(c.solvers)} beside it: {tried(c.finding)})")
 
 
 def where(name: str, side: str = "paper", **at: str) -> Condition:
@@ -154,7 +162,7 @@ def met(name: str) -> str:
 
 def judged_none(*names: str) -> bool:
     """Whether no printed setting bears any of the claims out."""
-    return all((f := claim(n).paper) and f.verdict is Verdict.REFUTED for n in names)
+    return all((f := claim(n).paper) and f.verdict is Verdict.NOT_REPRODUCED for n in names)
 
 
 def borderline() -> int:
@@ -410,7 +418,7 @@ def draw_growth() -> Figure:
     figure = sheet(SINGLE * 1.2, 1.5)
     axes = figure.subplots()
     ranked = sorted(values.items(), key=lambda pair: pair[1])
-    axes.barh([n.replace("_", " ") for n, _ in ranked], [v for _, v in ranked], color=COLOURS["SUPPORTED"], height=0.6)
+    axes.barh([n.replace("_", " ") for n, _ in ranked], [v for _, v in ranked], color=COLOURS["reproduced"], height=0.6)
     for k, (_, v) in enumerate(ranked):
         axes.text(v * 1.08, k, number(v, 2), va="center", fontsize=7, color=INK)
     axes.set(xscale="log", xlabel="growth over one second", xlim=(None, 4.0 * ranked[-1][1]))
@@ -422,7 +430,7 @@ TABLES: dict[str, Callable[[], Table]] = {"verdicts": verdict_table, "cost": cos
                                           "engines": engine_table}  # fmt: skip
 FIGURES: dict[str, Callable[[], Figure]] = {"frontier": draw_frontier, "growth": draw_growth}
 NAMES: dict[str, Any] = {f.__name__: f for f in (
-    claim, count, judged, judged_twice, judged_none, found, where, share, fails, met, borderline, objections, runs,
-    solvers, false_successes, point, drift, cheapest, growth, paper, plural, format_measured, contest, engines, within,
-    engines_lead, chain_span, shadowed, late_errors, shadow_distances, shadow, ensembles_that_differ,
+    claim, count, judged, judged_twice, judged_none, found, beside, where, share, fails, met, borderline, objections,
+    runs, solvers, false_successes, point, drift, cheapest, growth, paper, plural, format_measured, contest, engines,
+    within, engines_lead, chain_span, shadowed, late_errors, shadow_distances, shadow, ensembles_that_differ,
 )} | {"factor": f"{FACTOR:g}"}  # fmt: skip

@@ -46,7 +46,7 @@ RUN_LIMIT = 300  # [s] of one pass of pdflatex
 
 
 class Assert(Extension):
-    """``{% assert claim("x").verdict == "REFUTED" %}``: the sentence that follows needs it."""
+    """``{% assert claim("x").verdict == "not reproduced" %}``: the sentence that follows needs it."""
 
     tags = {"assert"}  # noqa: RUF012  # as the base class has it
 

@@ -26,7 +26,7 @@ from .currency import describe_changes
 from .false_successes import find_false_successes
 
 WHOLE = "referee"  # the suite that everything is judged on
-SUITES = ("paper", "claims", "work")  # claims are tried on their runs; all are in the suite ``referee``
+SUITES = ("paper", "claims", "readings", "controls", "work")  # claims are tried on their runs; all are in ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     (files.ORDERS.name, certify), (files.DRIFTS.name, analyse_drift), (files.SYMMETRIES.name, check_symmetries),
     (files.WORK.name, collect_work),
@@ -63,7 +63,7 @@ def list_tried() -> tuple[RunSpec, ...]:
 def select_needed(register: Register) -> tuple[RunSpec, ...]:
     """The runs that the claims of ``register`` are tried on."""
     places = [place(s) for s in list_tried()]
-    maps = {m.name: m for c in register.claims for m in (c.map, c.against) if m}.values()
+    maps = {m.name: m for c in register.claims for m in (c.map, c.against, c.control) if m}.values()
     return tuple({p.spec.settings_id: p.spec for m in maps for p in select(places, m.over)}.values())
 
 

@@ -17,7 +17,7 @@ def series_judged(register: Register, tried: Iterable[RunSpec]) -> Callable[[Run
     """
     known = {s.settings_id for s in tried}
     maps = [(m.over, {s for t in c.tests for s in series_read(t.metric, t.arguments)})
-            for c in register.claims for m in (c.map, c.against) if m]  # fmt: skip
+            for c in register.claims for m in (c.map, c.against, c.control) if m]  # fmt: skip
 
     def read(spec: RunSpec) -> set[str]:
         if not registry.is_own_problem(spec.problem):  # a plugin's is made where limits hold

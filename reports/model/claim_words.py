@@ -18,7 +18,7 @@ LEFT_OUT = {
     judged.Ending.UNCOMPARED: "their runs cannot be compared "
     "(two failures, no partner, equal steps, or values missing)",
     judged.Ending.SLOW: "the limit on steps ended them while they were only slow",
-    judged.Ending.NO_STEP: "they could not take a first step",
+    judged.Ending.NO_START: "they could not start: not one step of the size they may take",
     judged.Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
     judged.Ending.EARLY: "their runs ended before the moment asked about",
 }
@@ -90,13 +90,96 @@ def sides(c: judged.Claim) -> tuple[tuple[str, judged.Finding], ...]:
     return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
 
 
+def verdict(f: judged.Finding) -> str:
+    """``reproduced if direction translation``; ``not reproduced``; ``cannot be told, because`` with the reason."""
+    if f.verdict is judged.Verdict.CANNOT_BE_TOLD and f.missing:
+        return f"{f.verdict}, because {_missing(f.missing[0])}"
+    if f.verdict is judged.Verdict.REPRODUCED_IF and f.decision:
+        return describe_condition(f.decision)
+    return str(f.verdict)
+
+
+def condition_of(f: judged.Finding) -> str:
+    """The rest of the verdict after its first words: ``direction translation``; empty where there is none."""
+    words = verdict(f)
+    return words.removeprefix(str(f.verdict)).lstrip(" ,") if f.verdict is not judged.Verdict.REPRODUCED else ""
+
+
+def control(c: judged.Claim) -> str:
+    """``rk45_strong_form, in the same chart, ... does so too``; empty without a control."""
+    if c.control is None:
+        return ""
+    who = join_words(list(c.control.solvers))
+    f = c.control.finding
+    beside = f"{who}, in the same chart, at the same tolerance and on the same motion,"
+    if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
+        return f"{beside} settles nothing"
+    if not f.holds:
+        return f"{beside} does not ({tried(f)})"
+    both = f", in {plural(c.control.both, 'setting')} where the claim holds" if c.control.both else ""
+    return f"{beside} does so too ({tried(f)}{_met(f)}){both}: there the claim tells nothing of its own solvers"
+
+
+def by_solver(c: judged.Claim) -> str:
+    """``by ida_index1 reproduced, for all 4 tried; by ndf_index1 ...``; empty where there is one solver."""
+    return "; ".join(f"by {name} {', '.join(filter(None, (verdict(f), share(f))))}" for name, f in c.by_solver.items())
+
+
+def condition_and_share(f: judged.Finding) -> str:
+    """Words behind the verdict's mark: for which choices, and for how many of those tried."""
+    return "; ".join(filter(None, (condition_of(f), share(f))))
+
+
+def describe_condition(d: judged.Decision) -> str:
+    """``reproduced if tolerance at most 1e-05``, ``reproduced unless gain 0``, or values that suffice."""
+    if d.by:
+        return f"reproduced {'unless' if d.unless else 'if'} {condition(d)}"
+    if not d.any_of:
+        return "reproduced if choices are made as in the rows that hold"
+    terms = [" and ".join(_list_values(n, vs) for n, vs in at.items()) for at in _join_terms(d.any_of)]
+    more = f", and in {plural(d.rest, 'setting')} more" if d.rest else ""
+    return f"reproduced if {', or if '.join(terms)}{more}"
+
+
+def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[judged.Value]]]:
+    """The conditions, those that differ in the value of one dimension as one with both values."""
+    out: list[dict[str, list[judged.Value]]] = []
+    for c in conditions:
+        for term in (t for t in out if t.keys() == c.at.keys()):
+            apart = [n for n in term if c.at[n] not in term[n]]
+            if len(apart) == 1 and all(len(values) == 1 for n, values in term.items() if n != apart[0]):
+                term[apart[0]].append(c.at[apart[0]])
+                break
+        else:
+            out.append({n: [v] for n, v in c.at.items()})
+    return out
+
+
+def _list_values(name: str, values: Sequence[judged.Value]) -> str:
+    """``tolerance 1e-10, 1e-09 or 3e-09``."""
+    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    ordered = sorted(values) if numbers else list(values)  # type: ignore[type-var]
+    first, *rest = ordered
+    return " or ".join([setting(name, first), *(value(name, v) for v in rest)])
+
+
 def share(f: judged.Finding | None) -> str:
-    """``39 of 76``, where one of many values suffices ``at 3 of 81``; the other verdicts of a borderline one."""
+    """``for all 4 tried``, ``for 39 of 76 tried``, of values along a dimension ``at 3 of 81``; borderline verdicts."""
     if f is None or not f.settings:
         return ""
-    flips = dict.fromkeys(f"{m.verdict} {m.holds} of {m.settings}" for m in f.borderline)
-    met = f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
-    return f"{f.holds} of {f.settings}{met}" + (f" (borderline: {', '.join(flips)})" if flips else "")
+    flips = dict.fromkeys(f"{m.verdict}, {m.holds} of {m.settings}" for m in f.borderline)
+    return f"for {tried(f)}{_met(f)}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
+
+
+def _met(f: judged.Finding) -> str:
+    return f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
+
+
+def tried(f: judged.Finding) -> str:
+    """``all 4 tried``, ``none of 34 tried``, ``39 of 76 tried``: the quantifier, the same for both sides."""
+    if f.holds == f.settings:
+        return "the one tried" if f.settings == 1 else f"all {f.settings} tried"
+    return f"{f.holds or 'none'} of {f.settings} tried"
 
 
 def distinct(f: judged.Finding) -> str:
@@ -107,8 +190,7 @@ def distinct(f: judged.Finding) -> str:
 def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[str]:
     out = []
     if f.settings:
-        percent = f", {100.0 * f.holds / f.settings:.0f} %" if f.verdict is judged.Verdict.MIXED else ""
-        out.append(f"{where} it holds in {f.holds} of {plural(f.settings, 'setting')}{percent}")
+        out.append(f"{where} it holds for {tried(f)}")
         out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
         out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
     out += map(_missing, f.missing)
@@ -132,7 +214,8 @@ def describe_missing(c: judged.Claim) -> str:
 def decision(c: judged.Claim, d: judged.Decision) -> str:
     """The condition that separates; else with what it always and never holds, and what matters most."""
     if d.by:
-        return f"{'always unless' if d.unless else 'only and always'} with {condition(d)}"
+        return f"it holds with {condition(d)} never, and always without" if d.unless else (
+            f"it holds with {condition(d)} always, and never without")  # fmt: skip
     yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
     parts = [f"{word} with {_list_conditions(some)}" for word, some in (("always", yes), ("never", no)) if some]
     if d.telling and d.telling in c.factors:
@@ -151,6 +234,26 @@ def describe_count(c: judged.Claim) -> str:
     left = sum(x.settings for f in c.findings for x in f.left_out)
     holds, settings = sum(f.holds for f in c.findings), sum(f.settings for f in c.findings)
     return f"holds in {holds} of {settings} settings{f', {left} left out' if left else ''}"
+
+
+def list_rows(c: judged.Claim, most: int | None = None) -> list[str]:
+    """A line a setting: printed or not, holds or not, the number and the control's, and the command that repeats it.
+
+    Those that the paper prints come first, then those that hold; ``most`` of them.
+    """
+    order = {True: 0, False: 1, None: 2}
+    rows = sorted(c.map, key=lambda m: (not m.printed, order[m.holds]))
+    return [_describe_row(c, m) for m in rows[:most]]
+
+
+def _describe_row(c: judged.Claim, m: judged.MapRow) -> str:
+    holds = {True: "holds", False: "does not hold", None: "open"}[m.holds]
+    first = c.tests[0].unit if c.tests else ""
+    number_of_it = "no number" if m.measured != m.measured else f"{number(m.measured)} {unit(first)}".strip()
+    control = f", control {number(m.control)}" if m.control == m.control else ""
+    more = f", with {plural(m.more, 'run')} more along {c.because.across}" if m.more else ""
+    where = "printed" if m.printed else "beyond"
+    return f"{where}, {holds}: {number_of_it}{control}, {m.status}{more}: {m.command or m.case}"
 
 
 def figures(c: judged.Claim) -> str:

@@ -39,7 +39,7 @@ WORK = {
     "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
 }  # fmt: skip
 BETTER = ("good", "inaccurate", "open", "refused", "failed", "wrong")  # endings, best first
-CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.MIXED, Verdict.UNTESTABLE, Verdict.REFUTED)
+CLAIM_ORDER = (Verdict.REPRODUCED, Verdict.REPRODUCED_IF, Verdict.CANNOT_BE_TOLD, Verdict.NOT_REPRODUCED)
 SAME = 0.01  # relative: a change this small is neither better nor worse
 LITTLE = 1e-5  # of a problem's scale: shown as "less than"
 SPREAD = 1.3  # timings closer than this factor are called equal

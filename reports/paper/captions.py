@@ -118,7 +118,7 @@ def caption(figure: PaperFigure, lines: Sequence[Line], folder: Path, written: S
 
 def _claim(c: Claim) -> CaptionClaim:
     tests = tuple((claim_words.format_measured(t), claim_words.band(t)) for t in c.tests)
-    found = [(f.verdict, claim_words.share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
+    found = [(f.verdict, claim_words.condition_and_share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
     return CaptionClaim(c.id, c.quote, c.claim, claim_words.describe_missing(c), tests, *found)
 
 

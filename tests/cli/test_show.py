@@ -212,6 +212,6 @@ def test_the_runs_of_a_claim_alone_are_made_and_judged(tmp_path, capsys):
         found = json.loads(capsys.readouterr().out)
         runs = {p.name: p.stat().st_mtime_ns for p in (folder / "runs").iterdir()}
         assert len(runs) == len(found["settings_ids"]) > 0 and found["claim"] == own.claim
-        assert "SUPPORTED" in {f["verdict"] for f in (found["paper"], found["beyond"]) if f}
+        assert "reproduced" in {f["verdict"] for f in (found["paper"], found["beyond"]) if f}
         before = runs if _ == 0 else before
     assert runs == before

@@ -228,9 +228,9 @@ def shown(table: pd.DataFrame) -> set[str]:
         out |= card_of(law, vars(first), c.record.dt_s, first.time_s, "", c.settings()) | {write_command(c.record)}
     claims = [c for c in json.loads((PUBLISHED.path / "claims.json").read_text())["claims"] if c["kind"] == "result"]
     verdict = Counter((c["paper"] or c["beyond"])["verdict"] for c in claims)
-    depend = verdict["CONDITIONAL"] + verdict["MIXED"]
-    out.add(f"Of the claims of Natsiavas et al. (2022) {verdict['SUPPORTED']} hold, {verdict['REFUTED']} do not, "
-            f"{depend} depend on settings; {verdict['UNTESTABLE']} cannot be tested")  # fmt: skip
+    out.add(f"Of the claims of Natsiavas et al. (2022) {verdict['reproduced']} are reproduced, "
+            f"{verdict['reproduced if']} on a condition, {verdict['not reproduced']} are not; "
+            f"of {verdict['cannot be told']} it cannot be told")  # fmt: skip
     return out | {c["claim"] for c in claims} | {f"Sect. {c['section']}" for c in claims} | {*PROSE}
 
 

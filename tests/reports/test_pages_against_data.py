@@ -108,9 +108,9 @@ def test_two_results_without_a_difference_blame_no_solver(tmp_path):
 
 def test_claims_that_no_run_can_test_are_not_judged_from_these():
     """Counted as the file has them: each claim once."""
-    untestable = replace(CLAIM, id="u", beyond=Finding(Verdict.UNTESTABLE), missing=(Missing(Gap.NEED, "a curve"),))
+    untestable = replace(CLAIM, id="u", beyond=Finding(Verdict.CANNOT_BE_TOLD), missing=(Missing(Gap.NEED, "a curve"),))
     lacking = replace(
-        CLAIM, id="l", beyond=Finding(Verdict.UNTESTABLE), missing=(Missing(Gap.RUNS, found=0, wanted=3),)
+        CLAIM, id="l", beyond=Finding(Verdict.CANNOT_BE_TOLD), missing=(Missing(Gap.RUNS, found=0, wanted=3),)
     )
     said = origins([untestable] * 4 + [lacking] * 80, 80)
     assert said.startswith("None of 84 claims is judged from these runs; for 80 they lack runs: 80 of these")

@@ -14,6 +14,8 @@ from .maps import find_varied, same, values_of
 Points = Sequence[tuple[Mapping[str, Any], bool]]
 MOST_VALUES = 3  # of a dimension that a condition names one by one
 MOST_NAMED = 4  # conditions of each kind; the rest is in the map
+MOST_SUFFICIENT = 5  # conditions, each of which suffices, that a verdict names
+MOST_TOGETHER = 3  # dimensions of one of these
 
 
 def factors(points: Points) -> dict[str, tuple[Count, ...]]:
@@ -66,7 +68,64 @@ def decision(points: Points) -> Decision:
     pure = (*_pure(points, names, True), *_pure(points, names, False))
     telling = [n for n in names if None not in names[n]] or list(names)
     most = max(telling, key=lambda n: _information(points, _by(points, n, names[n])), default="")
-    return Decision({}, False, pure, most)
+    enough = sufficient(points)
+    return Decision({}, False, pure, most, enough, _count_outside(points, enough))
+
+
+def decide_along(name: str, met: Sequence[Any], tried: Sequence[Any]) -> Decision:
+    """The values along a dimension that meet a claim, of those tried: one by one, or their range."""
+    values = values_of(met)
+    if len(values) > MOST_VALUES:
+        low, high = f"{values[0]:g}", f"{values[-1]:g}"
+        between = [v for v in tried if values[0] <= v <= values[-1]]
+        values = [f"{low} to {high}" if len(between) == len(values) else f"one of {len(values)} from {low} to {high}"]
+    return Decision({name: tuple(values)})
+
+
+def sufficient(points: Points) -> tuple[Condition, ...]:
+    """Values of up to three dimensions with which the claim always holds, the fewest, then those of most settings.
+
+    Each holds in a setting that the ones before leave out; what none of them covers is a setting on its own.
+    """
+    names = sorted(find_varied([at for at, _ in points]))
+    left = [k for k, (_, holds) in enumerate(points) if holds]
+    out: list[Condition] = []
+    for size in range(1, MOST_TOGETHER + 1):
+        while left and len(out) < MOST_SUFFICIENT:
+            best = _find_widest(points, names, size, left)
+            if best is None or (best.settings == 1 and size < min(MOST_TOGETHER, len(names))):
+                break
+            out.append(best)
+            left = [k for k in left if not _is_at(points[k][0], best.at)]
+    return tuple(out)
+
+
+def _find_widest(points: Points, names: Sequence[str], size: int, left: Sequence[int]) -> Condition | None:
+    """Of the values with which the claim always holds, those of the most settings that are still to be covered."""
+    best, rank = None, (0, 0, "")  # ties by name, so that the order of the settings is without effect
+    for chosen in itertools.combinations(names, size):
+        counts: dict[tuple[Any, ...], list[int]] = {}
+        for k, (at, holds) in enumerate(points):
+            count = counts.setdefault(_key(at.get(n) for n in chosen), [0, 0, 0, k])
+            count[0] += holds
+            count[1] += 1
+        for k in left:
+            counts[_key(points[k][0].get(n) for n in chosen)][2] += 1
+        for holding, total, new, k in counts.values():
+            at = {n: points[k][0].get(n) for n in chosen}
+            if new and holding == total and None not in at.values():
+                own = (-new, -total, repr(sorted(at.items())))
+                if best is None or own < rank:
+                    best, rank = Condition(at, holding, total), own
+    return best
+
+
+def _is_at(at: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
+    return all(same(at.get(n), v) for n, v in wanted.items())
+
+
+def _count_outside(points: Points, conditions: Sequence[Condition]) -> int:
+    return sum(holds and not any(_is_at(at, c.at) for c in conditions) for at, holds in points)
 
 
 def _pure(points: Points, names: Mapping[str, list[Any]], wanted: bool) -> list[Condition]:
@@ -111,4 +170,4 @@ def _key(values: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def _where(points: Points, at: Mapping[str, Any]) -> frozenset[int]:
-    return frozenset(k for k, (where, _) in enumerate(points) if all(same(where.get(n), v) for n, v in at.items()))
+    return frozenset(k for k, (where, _) in enumerate(points) if _is_at(where, at))

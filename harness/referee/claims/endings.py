@@ -1,7 +1,8 @@
 """How a run ended, and what can be concluded from one that was cut short.
 
-A run that got to its end or failed by itself is final. One that a clock, its memory or its budget of steps ended
-might have continued, and one that took no step has no motion to judge: these settle only what they had settled.
+A run that got to its end or failed by itself is final: where it ended is settled, and so is what no rest of it could
+change. One that a clock, its memory or its budget of steps ended might have continued, and one that did not get as far
+as one step of the size it may take has no motion to judge: these settle only what they had settled.
 """
 
 import math
@@ -25,8 +26,14 @@ def classify_ending(record: RunRecord, series: Series | None = None) -> Ending:
         return Ending.MACHINE
     if by_budget(record):
         return Ending.FINAL if series is None or is_stuck(record, pace(record, series)) else Ending.SLOW
-    started = record.steps > 0 or reached_end(record) or record.status == Status.REFUSED
-    return Ending.FINAL if started else Ending.NO_STEP
+    return Ending.FINAL if has_started(record) else Ending.NO_START
+
+
+def has_started(record: RunRecord) -> bool:
+    """Whether a run got as far as one step of the size it may take: before, its start is what failed."""
+    if reached_end(record) or record.status == Status.REFUSED:
+        return True
+    return record.steps > 0 and not record.t_reached_s < largest_step(record)
 
 
 def by_budget(record: RunRecord) -> bool:
@@ -64,7 +71,7 @@ def is_settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool
     if in_time(test, record, how):
         return True
     m = MEASURES[test.metric]
-    if how is Ending.NO_STEP:
+    if how is Ending.NO_START:
         return False
     if m.until == "known" and math.isfinite(value):
         return True
@@ -72,6 +79,16 @@ def is_settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool
         return False
     least = min(value, record.t_reached_s) if m.until == "known" else value  # what has not come yet comes later
     return least > test.band.high or (least >= test.band.low and math.isinf(test.band.high))
+
+
+def ends_early(test: Test, record: RunRecord, value: float) -> bool:
+    """Whether a run that stopped leaves the test open: the rest of it, which there is not, might change its number.
+
+    Its end itself is no early one: a measure ``of_end`` asks for just that.
+    """
+    if MEASURES[test.metric].of_end or gets_to(test, record):
+        return False
+    return math.isnan(value) or not is_settled(test, record, Ending.EARLY, value)
 
 
 def gets_to(test: Test, record: RunRecord) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
-from . import equations, steps  # enter their measures
+from . import conditioning, equations, steps  # enter their measures
 from .measures import (
     END,
     MEASURES,
@@ -27,7 +27,7 @@ from .measures import (
     stretch,
 )
 
-__all__ = ["MEASURES", "equations", "evaluate", "evaluate_pair", "steps"]
+__all__ = ["MEASURES", "conditioning", "equations", "evaluate", "evaluate_pair", "steps"]
 
 
 def _largest(a: np.ndarray) -> float:
@@ -59,14 +59,13 @@ measure_over(stretch, "series", GROWING, grows=True)
 measure_over(stretch, "series", {"lowest": lambda a: bound(a, np.min(a))})
 measure_over(stretch, "series", {"peak over median": _peak_over_median}, natural="one")  # how far a moment stands out
 
-# of a whole run: unbounded for one that stopped before its end
+# of a whole run: unbounded for one that stopped before its end, whose claims say "or does not end"
 LOSSES = {
     "loss": lambda r: r.position_error_judged_m,  # largest error while the motion is predictable [m]
     "orientation loss": lambda r: r.orientation_error_judged_rad,
-    "late energy": lambda r: abs(r.energy_mean_last_quarter_J),  # time mean of the error over the last quarter [J]
 }
 for name, of in LOSSES.items():
-    enter_measure(name, lambda r, _, of=of: of(r) if reached_end(r) else math.inf, series=False)
+    enter_measure(name, lambda r, _, of=of: of(r) if reached_end(r) else math.inf, series=False, of_end=True)
 
 # counts a step, of a whole run: Newton's corrections, evaluations of the equations
 COUNTERS = {"corrections per step": "newton_iterations", "evaluations per step": "evaluations"}
@@ -81,13 +80,19 @@ def column(record: RunRecord, series: Series | None, name: str, partial: bool = 
     return float(value) if (partial or reached_end(record)) and isinstance(value, int | float) else NAN
 
 
-@measure(series=False, grows=True, natural="firm")
+@measure(series=False)
+def late_energy(record: RunRecord, series: Series | None) -> float:
+    """|time mean of the energy error over the last quarter| [J], of a run that got to its end: others have stopped."""
+    return abs(record.energy_mean_last_quarter_J) if reached_end(record) else NAN
+
+
+@measure(series=False, grows=True, of_end=True, natural="firm")
 def reached(record: RunRecord, series: Series | None) -> float:
     """Part of the time asked for that the run got through: 1 is the end."""
     return min(stops_at(record, series) / record.t_end_s, 1.0)
 
 
-@measure(series=False, grows=True, natural="end")
+@measure(series=False, grows=True, of_end=True, natural="end")
 def stops_at(record: RunRecord, series: Series | None) -> float:
     """Time at which the run stopped before its end; infinite if it did not."""
     if reached_end(record):
@@ -95,7 +100,7 @@ def stops_at(record: RunRecord, series: Series | None) -> float:
     return 0.0 if math.isnan(record.t_reached_s) else record.t_reached_s
 
 
-@measure(series=False, of_stopped=True)
+@measure(series=False, of_stopped=True, of_end=True)
 def stop_time(record: RunRecord, series: Series | None) -> float:
     """Time at which the run stopped [s], of runs that stopped before their end."""
     return NAN if reached_end(record) else stops_at(record, series)

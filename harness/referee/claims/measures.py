@@ -27,7 +27,9 @@ class Measure:
 
     ``until`` says which part of a run settles the number: ``to`` (or ``at``; without either the end), ``end``, or
     ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run continues.
-    One ``of_stopped`` runs alone leaves the others open, one ``of_problem`` is the same of all runs. Bands are moved
+    One ``of_stopped`` runs alone leaves the others open, one ``of_problem`` is the same of all runs. One ``of_end`` is
+    about where a run ends, so that one which stopped has it, too; of any other measure an early end leaves open what
+    the rest of the run might have changed. Bands are moved
     from the limit ``natural``; a ``firm`` one is a count or an end reached, which no factor moves. ``reads`` are the
     series that it takes beside those its arguments name.
     """
@@ -41,6 +43,7 @@ class Measure:
     grows: bool = False
     of_stopped: bool = False
     of_problem: bool = False
+    of_end: bool = False
     natural: Natural = "zero"
     reads: tuple[str, ...] = ()
 
@@ -51,12 +54,12 @@ MEASURES: dict[str, Measure] = {}
 def enter_measure(
     name: str, of: Callable[..., Any], wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False,
     until: str = "to", grows: bool = False, of_stopped: bool = False, of_problem: bool = False,
-    natural: Natural = "zero", reads: str = "",
+    of_end: bool = False, natural: Natural = "zero", reads: str = "",
 ) -> None:  # fmt: skip
     """Enter a function in the catalogue."""
     needed = tuple(wants.split())
     taken = (*needed, *takes.split())
-    kind = (series, pair, until, grows, of_stopped, of_problem, natural, tuple(reads.split()))
+    kind = (series, pair, until, grows, of_stopped, of_problem, of_end, natural, tuple(reads.split()))
     MEASURES[name] = Measure(of, taken, needed, *kind)
 
 

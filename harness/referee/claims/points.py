@@ -14,7 +14,7 @@ from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.work import operations
 from ...types import Status
-from .endings import gets_to, in_time, is_settled
+from .endings import ends_early, gets_to, in_time, is_settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
 from .measures import reached_end
@@ -23,6 +23,7 @@ from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
 
 LOOSEST_FIRST = ("tolerance", "step", "max_step")
+BESIDE = ("problem", "omega_z", "literal_start", "release", "duration", "frame", "chart", "tolerance")  # of a control
 ACTS = 0.01  # of the mean step: a reduction that changes it by less has acted on no steps
 
 
@@ -57,10 +58,31 @@ def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers:
             if claim.across in LOOSEST_FIRST:
                 ordered.reverse()
             make = _nearest if claim.tests[0].combine == NEAREST else _point
-            found = make(claim, ordered, partners, numbers)
-            short = replace(found, holds=None, left_out=Ending.UNCOMPARED, stopped=False, met_at=())
-            out.append(found if _spans(claim, ordered) else short)
+            for own, spans in _split_ranges(claim, ordered):
+                found = make(claim, own, partners, numbers)
+                short = replace(found, holds=None, left_out=Ending.UNCOMPARED, stopped=False, met_at=())
+                out.append(found if spans else short)
     return out
+
+
+def _split_ranges(claim: Claim, group: Sequence[Place]) -> list[tuple[list[Place], bool]]:
+    """The group, or its part in each range of the claim, a dimension of its own; and whether it spans what it must."""
+    if not claim.ranges:
+        return [(list(group), _spans(claim, group))]
+    out = []
+    for ends in claim.ranges:
+        named = {f"{claim.across} range": f"{ends[0]:g} to {ends[1]:g}"}
+        inside = [p for p in group if min(ends) <= p.dimensions[claim.across] <= max(ends)]
+        if len(inside) > 1:
+            spans = {p.dimensions[claim.across] for p in inside} >= set(ends)
+            out.append(([replace(p, dimensions={**p.dimensions, **named}) for p in inside], spans))
+    return out
+
+
+def stands_beside(claim: Claim, p: Place, q: Place) -> bool:
+    """Whether a control run ``q`` is of the motion, chart and tolerance of ``p``, as far as both have them."""
+    shared = (k for k in BESIDE if k in p.dimensions and k in q.dimensions and k != claim.across)
+    return all(p.dimensions[k] == q.dimensions[k] for k in shared)
 
 
 def is_partner(claim: Claim, p: Place, q: Place) -> bool:
@@ -130,13 +152,18 @@ def _finding(
 
 
 def _ends_early(claim: Claim, test: Test, value: float, runs: Sequence[Place], numbers: Numbers) -> bool:
-    """Whether a number does not exist because a run ended before the moment asked about.
+    """Whether the number might be another, had no run ended before the moment asked about.
 
-    That says nothing on what would have been there; where reaching it is the claim, a test asks for just that.
+    That says nothing on what would have been there, whatever kind of test asks; where reaching it is the claim, a test
+    asks for just that. Of several runs what the others do not bound is open: a ratio to complete runs can only grow.
     """
-    if not math.isnan(value) or claim.starting:
+    if claim.starting:
         return False
-    return not all(gets_to(test, numbers.records[p.spec.settings_id]) for p in runs)
+    own, *others = (numbers.records[p.spec.settings_id] for p in runs)
+    if not test.compare and test.combine not in ("", NEAREST):
+        return not all(MEASURES[test.metric].of_end or gets_to(test, r) for r in (own, *others))
+    beside = others if test.compare else ()
+    return ends_early(test, own, value) or not all(MEASURES[test.metric].of_end or gets_to(test, r) for r in beside)
 
 
 def _sort_places(places: Iterable[Place]) -> list[Place]:
@@ -156,7 +183,7 @@ def _dearer(own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> 
 
 def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
     how = numbers.endings[p.spec.settings_id]
-    return Ending.FINAL if claim.starting and how is Ending.NO_STEP else how
+    return Ending.FINAL if claim.starting and how is Ending.NO_START else how
 
 
 def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers) -> list[Place]:

@@ -92,5 +92,6 @@ COMPARE: dict[str, Callable[[float, Sequence[float]], float]] = {
     "over largest": lambda a, others: _ratio(a, _of_all(max)(others)),
     "over smallest": lambda a, others: _ratio(a, _of_all(min)(others)),
     "minus largest": lambda a, others: a - _of_all(max)(others),
+    "smallest distance": lambda a, others: _of_all(min)(others),
     "largest distance": lambda a, others: _of_all(max)(others),  # distances are measured pair by pair: see evidence
 }

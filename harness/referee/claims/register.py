@@ -86,6 +86,8 @@ class Claim(Shape, frozen=True):
     at_equal_work: bool = False  # compared with the runs of no more operations alone
     across: str = ""
     along: Annotated[int, Meta(ge=2)] | tuple[float, ...] = 2  # the values that a group must have, or how many
+    ranges: tuple[tuple[float, float], ...] = ()  # of ``across``, each a reading of its own: from the first to the last
+    control: Map | None = None  # runs asked the same, each beside those of equal chart, tolerance and motion
     quantifier: Literal["all", "some"] = "all"
     needs: tuple[Need, ...] = ()
     caveats: tuple[Text, ...] = ()
@@ -133,7 +135,7 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
     tests = row.get("tests", [])
     if isinstance(tests, list):
         tests = [_test(t, f"{at}: test {k + 1}") if isinstance(t, dict) else t for k, t in enumerate(tests)]
-    named = {k: _find_map(row[k], maps, f"{at}: {k}") for k in ("map", "against") if k in row}
+    named = {k: _find_map(row[k], maps, f"{at}: {k}") for k in ("map", "against", "control") if k in row}
     claim = convert_shape({**row, "tests": tests, **named}, Claim, at)
     for k, need in enumerate(claim.needs):
         if sum(map(bool, (need.solver, need.observable, need.given))) != 1:
@@ -145,8 +147,8 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
     for k, t in enumerate(claim.tests):
         if bool(t.combine) != bool(claim.across):
             raise FileError(f"{at}: test {k + 1}: combine goes with across, and across with combine")
-        if "along" in row and not claim.across:
-            raise FileError(f"{at}: along goes with across")
+        if ("along" in row or claim.ranges) and not claim.across:
+            raise FileError(f"{at}: along and ranges go with across")
         if claim.at_equal_work and claim.against is None:
             raise FileError(f"{at}: at_equal_work goes with against")
         if bool(t.compare) != (claim.against is not None):

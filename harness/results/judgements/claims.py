@@ -1,7 +1,10 @@
 """Verdicts on claims of the paper, with what they rest on."""
 
+import math
 from enum import StrEnum
 from typing import Any, Literal
+
+import msgspec
 
 from ...shapes import Shape
 
@@ -9,17 +12,16 @@ Value = bool | int | float | str | None  # of a dimension of a map; None where i
 Band = tuple[float | None, float | None]  # None: open at that end
 
 
-SCHEMA: Literal[2] = 2  # of claims.json
+SCHEMA: Literal[3] = 3  # of claims.json
 
 
 class Verdict(StrEnum):
-    """A verdict on a claim at some settings."""
+    """A verdict on a claim at some settings: what could be reproduced of it, in words."""
 
-    REFUTED = "REFUTED"
-    MIXED = "MIXED"  # holds in some settings, and no condition that can be said in a line separates them
-    CONDITIONAL = "CONDITIONAL"
-    SUPPORTED = "SUPPORTED"
-    UNTESTABLE = "UNTESTABLE"
+    NOT_REPRODUCED = "not reproduced"  # for none of the choices tried
+    REPRODUCED_IF = "reproduced if"  # for some of them, which the finding's ``decision`` names by value
+    REPRODUCED = "reproduced"  # for all of them
+    CANNOT_BE_TOLD = "cannot be told"
 
 
 class Ending(StrEnum):
@@ -29,7 +31,7 @@ class Ending(StrEnum):
     MACHINE = "limit of the machine"
     UNCOMPARED = "nothing to compare"
     SLOW = "budget of steps"
-    NO_STEP = "no first step"
+    NO_START = "no start"
     ENDED = "no early end"
     EARLY = "an early end"
 
@@ -90,14 +92,17 @@ class Decision(Shape, frozen=True):
     """The condition that separates the settings where a claim holds from the others.
 
     ``by``: the values of one or two dimensions with all of which together it always holds and without which it never
-    does, or the other way round (``unless``). Where none separates, ``conditions`` are those where it always or never
-    holds, and ``telling`` is the dimension that tells most.
+    does, or the other way round (``unless``). Where none separates, with each of ``any_of`` it always holds, and it
+    holds in ``rest`` settings more; ``conditions`` are the largest where it always or never does, and ``telling`` is
+    the dimension that tells most.
     """
 
     by: dict[str, tuple[Value, ...]]
     unless: bool = False
     conditions: tuple[Condition, ...] = ()
     telling: str = ""
+    any_of: tuple[Condition, ...] = ()
+    rest: int = 0
 
 
 class LeftOut(Shape, frozen=True):
@@ -132,6 +137,14 @@ class Finding(Shape, frozen=True):
     missing: tuple[Missing, ...] = ()  # why a count settles nothing
 
 
+class Control(Shape, frozen=True):
+    """What other solvers do that are asked the same in the same chart, at the same tolerance and on the same motion."""
+
+    solvers: tuple[str, ...]
+    finding: Finding  # on those beside the settings of the first verdict
+    both: int = 0  # of these settings: the claim holds in them, and so it does for the control beside
+
+
 class Because(Shape, frozen=True):
     """Evidence for verdicts beside their counts."""
 
@@ -152,6 +165,9 @@ class MapRow(Shape, frozen=True):
     status: str
     printed: bool
     twin: bool = False  # its series is that of an earlier row
+    control: float = math.nan  # the same number of the control beside it
+    control_holds: bool | None = None
+    command: str = ""  # that repeats its run, the first of several
 
 
 class Claim(Shape, frozen=True):
@@ -175,6 +191,8 @@ class Claim(Shape, frozen=True):
     settings_ids: tuple[str, ...]
     factors: dict[str, tuple[Count, ...]]
     map: tuple[MapRow, ...]
+    by_solver: dict[str, Finding] = msgspec.field(default_factory=dict)  # the first finding, where there are several
+    control: Control | None = None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -184,11 +202,11 @@ class Claim(Shape, frozen=True):
     @property
     def verdict(self) -> Verdict:
         """The verdict at the paper's settings where the map has such, else beyond them."""
-        return self.findings[0].verdict if self.findings else Verdict.UNTESTABLE
+        return self.findings[0].verdict if self.findings else Verdict.CANNOT_BE_TOLD
 
     @property
     def verdicts(self) -> str:
-        """Both verdicts as one text: ``SUPPORTED, beyond MIXED``."""
+        """Both verdicts as one text: ``reproduced, beyond not reproduced``."""
         beyond = f"beyond {self.beyond.verdict}" if self.beyond else ""
         return ", ".join(filter(None, (str(self.paper.verdict) if self.paper else "", beyond)))
 
@@ -206,6 +224,7 @@ class Code(Shape, frozen=True):
 class Published(Shape, frozen=True):
     """The content of ``claims.json``."""
 
-    schema: Literal[2]
+    schema: Literal[3]
     code: Code
     claims: tuple[Claim, ...]
+    commands: dict[str, str] = msgspec.field(default_factory=dict)  # by settings_id, for rows that have none

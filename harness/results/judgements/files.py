@@ -42,7 +42,7 @@ def read_judgement(file: File[T], folder: Place) -> T:
     """The judgement in ``folder``; FileError where it is not one, FileNotFoundError where there is none."""
     if not file.schema:
         return _read(folder, file.name, file.kind)  # type: ignore[no-any-return]
-    return getattr(_read(folder, file.name, Published), file.name)  # type: ignore[no-any-return]
+    return _restore_commands(_read(folder, file.name, Published))  # type: ignore[return-value]
 
 
 def read_claims(folder: Place) -> tuple[Claim, ...] | None:
@@ -66,27 +66,38 @@ def _read(folder: Place, name: str, kind: Any) -> Any:
         raise FileNotFoundError(path.path)
     where = f"{path.parent.name}/{path.name}"
     plain = parse_json(read_text(path, "the judgement"), where)
-    if kind is Published and isinstance(plain, list):
-        raise FileError(f"{where}: of an older version (schema 1, expected {SCHEMA})")
+    schema = 1 if isinstance(plain, list) else plain.get("schema") if isinstance(plain, dict) else None
+    if kind is Published and schema in range(1, SCHEMA):
+        raise FileError(f"{where}: of an older version (schema {schema}, expected {SCHEMA})")
     return convert_shape(_restore_nan(plain, kind), kind, where)
 
 
 def add_code(claims: Sequence[Claim], code: Code) -> Published:
-    """The content of ``claims.json``."""
-    return Published(SCHEMA, code, tuple(claims))
+    """The content of ``claims.json``; the command of a run, which is in rows of several claims, stands once."""
+    commands = {m.settings_id: m.command for c in claims for m in c.map if m.command}
+    replace = msgspec.structs.replace
+    bare = (replace(c, map=tuple(replace(m, command="") for m in c.map)) for c in claims)
+    return Published(SCHEMA, code, tuple(bare), dict(sorted(commands.items())))
+
+
+def _restore_commands(found: Published) -> tuple[Claim, ...]:
+    replace, commands = msgspec.structs.replace, found.commands
+    rows = (tuple(replace(m, command=m.command or commands.get(m.settings_id, "")) for m in c.map)
+            for c in found.claims)  # fmt: skip
+    return tuple(replace(c, map=own) for c, own in zip(found.claims, rows, strict=True))
 
 
 def shorten_claims(claims: Sequence[Claim]) -> tuple[Claim, ...]:
-    """The claims without their maps, but for a row that stands alone on its side: enough to compare and show."""
+    """The claims as published: every row with its number, whether it holds, and its command, which has its settings."""
     return tuple(map(_shorten, claims))
 
 
 def _shorten(c: Claim) -> Claim:
-    sides = ([m for m in c.map if m.holds is side and not m.twin] for side in (True, False))
+    replace = msgspec.structs.replace
     telling = {f.decision.telling for f in c.findings if f.decision}
     factors = {k: v for k, v in c.factors.items() if k in telling}
-    alone = tuple(rows[0] for rows in sides if len(rows) == 1)
-    return msgspec.structs.replace(c, settings_ids=(), against=(), factors=factors, map=alone)
+    rows = tuple(replace(m, at={}, case="") for m in c.map)
+    return replace(c, settings_ids=(), against=(), factors=factors, map=rows)
 
 
 def format_judgement(judged: Any) -> str:

@@ -24,11 +24,10 @@ NOT = Mark("✗", "does not hold", "wrong")
 FAILED = Mark("★", "the run stopped", "failed")
 UNKNOWN = Mark("?", "not judged", "refused")
 VERDICTS: Mapping[Verdict, Mark] = {
-    Verdict.REFUTED: Mark("✗", "refuted", "wrong"),
-    Verdict.MIXED: Mark("≷", "mixed", "failed"),
-    Verdict.CONDITIONAL: Mark("◐", "conditional", "failed"),
-    Verdict.SUPPORTED: Mark("✓", "supported", "good"),
-    Verdict.UNTESTABLE: Mark("?", "untestable", "refused"),
+    Verdict.NOT_REPRODUCED: Mark("✗", "not reproduced", "wrong"),
+    Verdict.REPRODUCED_IF: Mark("◐", "reproduced if", "failed"),
+    Verdict.REPRODUCED: Mark("✓", "reproduced", "good"),
+    Verdict.CANNOT_BE_TOLD: Mark("?", "cannot be told", "refused"),
 }
 LISTED = 40  # runs beside the map
 
@@ -114,8 +113,10 @@ class Shown:
 
     @property
     def sides(self) -> tuple[tuple[str, Mark, str], ...]:
-        """Where, the verdict there, and in how many settings the claim holds."""
-        return tuple((where, VERDICTS[f.verdict], claim_words.share(f)) for where, f in claim_words.sides(self.of))
+        """Where, the verdict there, and for which choices, and how many of those tried, the claim holds."""
+        return tuple(
+            (where, VERDICTS[f.verdict], claim_words.condition_and_share(f)) for where, f in claim_words.sides(self.of)
+        )
 
     @property
     def presentation(self) -> bool:
@@ -140,7 +141,7 @@ def lacks_runs(claim: Claim) -> bool:
 
 def judged_here(claims: Iterable[Claim]) -> int:
     """How many have a verdict from runs; one that no run can test has none."""
-    return sum(c.verdict is not Verdict.UNTESTABLE for c in claims if not lacks_runs(c))
+    return sum(c.verdict is not Verdict.CANNOT_BE_TOLD for c in claims if not lacks_runs(c))
 
 
 def origins(claims: Sequence[Claim], published: int) -> str:

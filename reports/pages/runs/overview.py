@@ -34,7 +34,6 @@ RANK = 5  # after the pages of cost, problems and solvers, whose plots, scenes a
 CARDS = 6
 ENGINES = PUBLISHED.path / "engines"  # a false success of each, for results without engines
 SENTENCES = 10
-DEPENDS = ("conditional", "mixed")
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -143,6 +142,6 @@ def verdicts(results: Results) -> dict[str, Any] | None:
 
 def choose_sentences(shown: Sequence[Shown]) -> list[Shown]:
     """Ten: verdicts in turns, so that each kind is heard, in the order of the paper."""
-    kinds = {w: [c for c in shown if c.mark.word == w] for w in ("refuted", "supported", *DEPENDS)}
+    kinds = {w: [c for c in shown if c.mark.word == w] for w in ("not reproduced", "reproduced", "reproduced if")}
     turns = [c for k in range(SENTENCES) for own in kinds.values() for c in own[k : k + 1]][:SENTENCES]
     return [c for c in shown if c in turns]

@@ -17,6 +17,8 @@ from ..compiled.host import code_option
 from ..compiled.kernel import empty_kernel
 
 CHOICES = ("a", "mass", "translation")  # of c_R
+FINAL_ITERATES = ("passing", "corrected", "after_correction")  # which Newton iterate ends a step
+PASSING, CORRECTED, AFTER_CORRECTION = range(3)
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
 
 
@@ -38,6 +40,7 @@ class Settings(NamedTuple):
     refresh: float = 0.2  # a kept factorisation is renewed when a correction shrinks the residual by less than this
     couple: int = 1  # 1: body-to-body blocks of the Jacobian are kept
     extrapolate: float = 1.0  # 0: the first estimate of a step is its start
+    final: int = PASSING  # index in ``FINAL_ITERATES``
     simplified: int = 0  # 1: the simplified Newton method where it applies
     whole: int = 0  # 1: with code for the mechanism
     active: int = 0  # 1: augmented Lagrangian, which alone reads what follows
@@ -64,7 +67,7 @@ def needs_more(settings: Settings, system: MultibodySystem) -> str:
     if settings.corrective or settings.carry_sigma or settings.always_nested:
         return "C_bar, K_bar, a carried sigma or nested loops"
     if settings.simplified != 1:
-        return "newton = exact, another estimate than extrapolated, or mu0"
+        return "newton = exact, another estimate than extrapolated, another final_iterate than passing, or mu0"
     return "" if system.is_pinned else "joints other than spherical and revolute ones"
 
 
@@ -121,14 +124,20 @@ class GaugeChoices:
     max_newton: int = option(20, "corrections of the full Newton method before the step is cut", "", at_least=1)
     newton: str = option(
         "simplified",
-        "simplified: on A M^-1 A^T, where gravity is the only force, sigma0 and mu0 are zero, no loop is nested and "
-        "the estimate is extrapolated, else as kept; kept: Jacobian renewed when it no longer contracts by 5; "
-        "exact: that of each iterate, Eq. (79)",
+        "simplified: on A M^-1 A^T, where gravity is the only force, sigma0 and mu0 are zero, no loop is nested, "
+        "the estimate is extrapolated and the passing iterate final, else as kept; kept: Jacobian renewed when it no "
+        "longer contracts by 5; exact: that of each iterate, Eq. (79), in the unknowns v and M_bar mu and without the "
+        "slopes of M_bar, which is constant for translations",
         choices=("simplified", "kept", "exact"),
     )  # fmt: skip
     estimate: str = option(
         "extrapolated", "first estimate of a step, which the paper leaves open: extrapolated from the steps before, or "
         "the step's start", choices=("extrapolated", "start"),
+    )  # fmt: skip
+    final_iterate: str = option(
+        "passing", "Newton iterate that ends a step, which the paper leaves open: the first that passes (80), (81), be "
+        "it the estimate itself; that one corrected once more by (79); or the first that passes after one correction",
+        choices=FINAL_ITERATES,
     )  # fmt: skip
     code: str = code_option("kernel", "mechanism")
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
@@ -140,7 +149,10 @@ class GaugeChoices:
 
     @property
     def follows_paper(self) -> bool:
-        """Whether nothing differs from what Sect. 4.2 prints; c_R, mu0, tolerance and first estimate are open there."""
+        """Whether nothing differs from what Sect. 4.2 prints.
+
+        c_R, mu0, tolerance, first estimate and final iterate are open there.
+        """
         return (
             (self.gauge, self.sigma0, self.newton) == ("accumulate", "carried", "exact")
             and (self.f_bar, self.corrective, self.b_term) == (True, True, True)
@@ -171,7 +183,9 @@ class GaugeChoices:
             carry_sigma=self.sigma0 == "carried" or corrective, b_term=float(self.b_term),
             tolerance=self.of_energy(self.tolerance, problem), max_newton=self.max_newton,
             refresh=0.0 if exact else 0.2, couple=exact, extrapolate=float(self.estimate == "extrapolated"),
-            simplified=(self.newton, self.estimate, self.mu0) == ("simplified", "extrapolated", "zero"),
+            final=FINAL_ITERATES.index(self.final_iterate),
+            simplified=(self.newton, self.estimate, self.mu0, self.final_iterate)
+            == ("simplified", "extrapolated", "zero", "passing"),
             whole=self.code == "mechanism",
         )  # fmt: skip
 

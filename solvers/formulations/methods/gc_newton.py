@@ -17,11 +17,14 @@ import numpy as np
 from ..compiled.algebra import clear, copy, sines, times, times_transposed, turned_by
 from ..compiled.entries import apart, inner, run
 from ..compiled.marching import NOT_FINITE, STUCK
+from .choices import AFTER_CORRECTION, CORRECTED
 from .gc_step import move_poses
 
 CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
 NEAR = 3.0  # decades of the determinant below its largest, where rows that lose rank look like redundant ones
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
+MOST_PASSES = 6  # of the filter of redundant rows; each takes off what a penalty of 1e3 leaves a hundredfold
+SMALL_LEAK = 0.1  # of the tolerance: phi_dot that the next pass of the filter would take off
 ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
 
 TERMS = (  # of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end
@@ -42,6 +45,7 @@ ARRAYS = {
     "plan": "3",  # dt/2, B, gauge
     "c": "2 nr 6",  # c_R on both ends, of the ground 0
     "y": "n",  # as ``lu.x``
+    "passed": "nr",  # nu before a pass of the filter of redundant rows
     "T": "nb 9", "r0": "nb 3", "R0": "nb 3 3", "v0": "nb 6", "force0": "nb 6",
     "known": "nb 6",  # the part of (74) that the end does not change, in space
     "off": "nb 6",  # residual (74)
@@ -203,19 +207,35 @@ def _nested_loop(s):
 
 @apart
 def _newton(s):
-    """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts."""
+    """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts.
+
+    ``final`` says which iterate is the step's end: the first that passes the tests, the same once more corrected by
+    (79), or the first that passes after a correction.
+    """
     g, o, before = s.scheme, s.terms, np.inf
     # without sigma (80) implies (81), with C_bar or K_bar (81) cannot hold, and Sect. 4.3 asks (81) after (85)
     both = g.carry_sigma and not g.corrective and not g.nested
     redundant = g.redundant and not g.nested
     clear(o.left)
     g.outcome = SLOW
+    least = 1 if g.final == AFTER_CORRECTION else 0
     for iteration in range(g.max_newton + 1):
         run(s.evaluate)
         if not np.isfinite(g.norm):
             g.outcome = INFINITE
             return
-        if g.norm < g.tolerance and (not both or g.slip < g.tolerance):
+        if iteration >= least and g.norm < g.tolerance and (not both or g.slip < g.tolerance):
+            if g.final == CORRECTED:
+                if g.factored != g.h or g.refresh <= 0.0:
+                    run(s.refresh)
+                    if s.lu.state.singular:
+                        g.outcome = SINGULAR_MATRIX
+                        return
+                run(s.correct)
+                run(s.evaluate)
+                if not np.isfinite(g.norm):
+                    g.outcome = INFINITE
+                    return
             g.outcome = SLOW if redundant and not g.slip < g.accept else CONVERGED
             return
         if iteration == g.max_newton:
@@ -463,19 +483,33 @@ def leave_redundant(s):
     Such rows agree on the constraint manifold only: off it, by phi = O(dt^3) within a step, they ask for velocities
     that there are not. Each correction would raise their nu by xi phi_dot in vain, and D1 nu = 0 leaves (D0 + D1) nu
     = O(dt) nu, a spurious force that brakes the motion. The saddle itself tells that part: with
-    (Xi M_bar)^-1 dnu as the only right side it returns dnu where A^T dnu = 0, and next to nothing elsewhere.
+    (Xi M_bar)^-1 dnu as the only right side it returns dnu where A^T dnu = 0, and next to nothing elsewhere. How little
+    depends on xi: what is returned is sent again until it changes phi_dot by less than the tolerance, or else a low
+    penalty would leave phi_dot that velocities can take away.
     """
-    lu, o = s.lu, s.terms
+    g, lu, o = s.scheme, s.lu, s.terms
     copy(lu.x, s.y)
     clear(lu.x)
     for a in range(len(s.row_at)):
-        lu.x[s.row_at[a]] = o.softness[a] * s.y[s.row_at[a]]
-    run(s.solve_saddle)
+        lu.x[s.row_at[a]] = s.y[s.row_at[a]]
+    for _ in range(MOST_PASSES):
+        for a in range(len(s.row_at)):
+            s.passed[a] = lu.x[s.row_at[a]]
+        clear(lu.x)
+        for a in range(len(s.row_at)):
+            lu.x[s.row_at[a]] = o.softness[a] * s.passed[a]
+        run(s.solve_saddle)
+        s.control.solves += 1
+        change = 0.0
+        for a in range(len(s.row_at)):
+            off = o.softness[a] * (lu.x[s.row_at[a]] - s.passed[a])
+            change += o.m_bar[a] * off * off
+        if math.sqrt(change) < SMALL_LEAK * g.tolerance:
+            break
     for a in range(len(s.row_at)):
         o.left[a] -= o.softness[a] * lu.x[s.row_at[a]]
     for a in range(len(lu.x)):
         lu.x[a] = s.y[a] - lu.x[a]
-    s.control.solves += 1
 
 
 def correct_pose(s):

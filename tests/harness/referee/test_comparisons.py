@@ -58,9 +58,9 @@ over = [{ problem = "spherical_pendulum", solver = "ndf_index1", "tolerance, gai
         record(x, phi_max=size[x.options.get("alpha", 5.0)] * (2.0 if x.solver == "ida_index1" else 1.0)) for x in specs
     ]
     loose = of_maps(maps, text.format("", PHI), specs, found)
-    assert loose.verdict == "CONDITIONAL"
+    assert loose.verdict == "reproduced if"
     like = of_maps(maps, text.format(', "gain", "norm"', PHI), specs, found)
-    assert like.verdict == "SUPPORTED" and like.beyond.settings == 2 and open_for(like) == 1
+    assert like.verdict == "reproduced" and like.beyond.settings == 2 and open_for(like) == 1
 
 
 @pytest.mark.parametrize(("along", "left"), [("[1e-3, 1e-6]", 2), ("3", 2), ("2", 0), ("[1e-3]", 0)])
@@ -90,7 +90,7 @@ def test_a_step_that_did_not_act_does_not_hide_one_that_did():
     found = [record(x, phi_max=0.1 if x.control.rtol == 1e-6 else 0.5, steps=2000 if x.control.rtol == 1e-6 else 1000)
              for x in RUNS]  # fmt: skip
     c = claim(text, found)
-    assert c.verdict == "SUPPORTED" and c.tests[0].measured == 0.2
+    assert c.verdict == "reproduced" and c.tests[0].measured == 0.2
 
 
 def test_a_run_is_not_compared_with_itself():
@@ -103,7 +103,7 @@ over = [{ map = "all", tolerance = 1e-3 }]
 """  # noqa: E501
     text = f'map = "all"\nagainst = "loose"\npair_by = ["chart", "lambda_in_error_test"]\ntests = [{{ {PHI}, compare = "over largest", at_most = 1.01, unit = "" }}]\n'  # noqa: E501
     c = of_maps(maps, text, RUNS, [record(x, phi_max=0.5 if x.control.rtol == 1e-3 else 0.6) for x in RUNS])
-    assert c.verdict == "REFUTED" and (c.beyond.settings, open_for(c)) == (8, 4)
+    assert c.verdict == "not reproduced" and (c.beyond.settings, open_for(c)) == (8, 4)
 
 
 RIVALS = MAP.replace("[[claims]]", '[maps.all]\nover = [{ map = "gc", step = "any" }]\n\n')

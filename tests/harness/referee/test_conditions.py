@@ -3,9 +3,10 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 
-from mbsbench.harness.referee.claims.conditions import decision, factors, separation
+from mbsbench.harness.referee.claims.conditions import decide_along, decision, factors, separation, sufficient
 from mbsbench.harness.referee.claims.predicates import COMBINE, COMPARE, Band
 from mbsbench.harness.results.judgements.claims import Condition, Count
 
@@ -127,3 +128,26 @@ def test_bands_move_by_their_ends_or_about_their_middle():
     for band in (Band(2.0, 3.0), Band(-1.0, 4.0), Band(-math.inf, -1.0), Band(0.5, math.inf)):
         narrow, wide = band.move(1 / 1.5), band.move(1.5)
         assert wide.low <= band.low <= narrow.low <= narrow.high <= band.high <= wide.high
+
+
+def test_values_that_suffice_cover_what_holds():
+    """Each named condition holds always; together with the rest they are all settings that hold, in any order."""
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        own = [({"a": a, "b": b, "c": c}, bool(random.random() < 0.4)) for a in (0, 1, 2) for b in "xy" for c in "uvw"]
+        found = sufficient(own)
+        for c in found:
+            inside = [holds for at, holds in own if all(at[n] == v for n, v in c.at.items())]
+            assert inside and all(inside) and len(inside) == c.settings
+        covered = sum(holds and any(all(at[n] == v for n, v in c.at.items()) for c in found) for at, holds in own)
+        d = decision(own)
+        assert d.by or covered + d.rest == sum(holds for _, holds in own)
+        assert sufficient(own[::-1]) == found
+
+
+def test_values_along_a_dimension_are_named_one_by_one_or_by_their_range():
+    """Three of them, a run of neighbours, and scattered ones, which are counted."""
+    tried = [10.0**-k for k in range(1, 9)]
+    assert decide_along("tolerance", [1e-2, 1e-4], tried).by == {"tolerance": (1e-4, 1e-2)}
+    assert decide_along("tolerance", tried[:5], tried).by == {"tolerance": ("1e-05 to 0.1",)}
+    assert decide_along("tolerance", [*tried[:4], tried[7]], tried).by == {"tolerance": ("one of 5 from 1e-08 to 0.1",)}

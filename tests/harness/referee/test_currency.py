@@ -59,6 +59,7 @@ def test_words_of_a_claim_are_no_part_of_the_digest_and_bands_and_runs_are():
 
 
 def test_verdicts_of_an_older_version_are_refused_in_a_line(tmp_path):
-    (tmp_path / "claims.json").write_text('[{"id": "a", "verdict": "SUPPORTED"}]')
-    with pytest.raises(FileError, match=r"^[^\n]*older version \(schema 1, expected 2\)$"):
-        read_judgement(CLAIMS, Place(tmp_path))
+    for text, schema in (('[{"id": "a", "verdict": "SUPPORTED"}]', 1), ('{"schema": 2, "claims": []}', 2)):
+        (tmp_path / "claims.json").write_text(text)
+        with pytest.raises(FileError, match=rf"^[^\n]*older version \(schema {schema}, expected 3\)$"):
+            read_judgement(CLAIMS, Place(tmp_path))

@@ -143,4 +143,12 @@ def test_what_failed_by_itself_is_final():
     assert classify_ending(bare(status="diverged", t_reached_s=4.0, steps=3)) is Ending.FINAL
     assert classify_ending(bare(status="refused", t_reached_s=float("nan"))) is Ending.FINAL
     assert classify_ending(bare(status="success", steps=100)) is Ending.FINAL
-    assert classify_ending(bare(status="singular", t_reached_s=0.0)) is Ending.NO_STEP
+    assert classify_ending(bare(status="singular", t_reached_s=0.0)) is Ending.NO_START
+
+
+@pytest.mark.parametrize(("reached", "step", "how"), [
+    (0.003, 0.01, Ending.NO_START), (0.02, 0.01, Ending.FINAL), (0.003, float("nan"), Ending.FINAL),
+])  # fmt: skip
+def test_a_run_that_does_not_get_as_far_as_one_step_cannot_start(reached, step, how):
+    """Fourteen tiny steps to 3 ms, where 10 ms may be one: its start failed, whatever the motion."""
+    assert classify_ending(bare(status="step_underflow", t_reached_s=reached, steps=14, max_step_s=step)) is how

@@ -62,19 +62,19 @@ def written(folder):
 
 
 def test_judging_writes_files_and_publishing_compares(made, tmp_path, capsys):
-    """Nothing published: 0. Published: 0 for the same verdicts, REFUTED or not, 1 for a changed one, which is named."""
+    """Nothing published: 0. Published: 0 for the same verdicts, whatever they are, 1 for a changed one, named."""
     write, call, _ = made
     folder = write(0.5)
     assert call() == 0
     assert "nothing is published yet" in capsys.readouterr().out
-    assert written(folder)["claims"][0]["beyond"]["verdict"] == "SUPPORTED"
+    assert written(folder)["claims"][0]["beyond"]["verdict"] == "reproduced"
     assert call("--publish") == 0 and (tmp_path / "published" / "claims.json").exists()
     capsys.readouterr()
     assert call() == 0
     assert "as published" in capsys.readouterr().out
     write(1.5)
     assert call() == 1
-    assert "changed: c: beyond SUPPORTED -> beyond REFUTED" in capsys.readouterr().out
+    assert "changed: c: beyond reproduced -> beyond not reproduced" in capsys.readouterr().out
     assert call("--publish") == 0 and call() == 0
 
 
@@ -95,9 +95,9 @@ def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
     found = resumed("3", RUNS[1:], phi_max=0.5, claimed="success")
     assert [w.settings_id for w in found["wrong"]] == [RUNS[0].settings_id]
     found = resumed("4", phi_max=0.5, claimed="success")
-    assert not found["wrong"] and found["claims"][0].verdict == "SUPPORTED"
+    assert not found["wrong"] and found["claims"][0].verdict == "reproduced"
     found = resumed("5", status="crashed", phi_max=1.5)
-    assert not found["wrong"] and found["claims"][0].verdict == "SUPPORTED"
+    assert not found["wrong"] and found["claims"][0].verdict == "reproduced"
 
 
 LACKS = (
@@ -125,7 +125,7 @@ def test_results_that_lack_runs_are_judged_on_request_alone_and_never_published(
     assert call("--partial") == 0
     said = capsys.readouterr().out
     assert said == LACKS
-    assert written(folder)["claims"][0]["beyond"]["verdict"] == "UNTESTABLE"
+    assert written(folder)["claims"][0]["beyond"]["verdict"] == "cannot be told"
 
 
 def test_claims_that_no_run_touches_are_not_shown(made, capsys):
@@ -153,7 +153,8 @@ def test_json_is_the_claims_and_the_orders(made, capsys, monkeypatch):
     monkeypatch.setattr(judging, "OTHERS", (("certificates", lambda *_: (low, replace(low, quantity="energy"))),))
     assert call("--json") == 0
     said = json.loads(capsys.readouterr().out)
-    assert {k: said[k] for k in ("schema", "code", "claims")} == written(folder) and said["schema"] == 2
+    assert {k: said[k] for k in ("schema", "code", "claims", "commands")} == written(folder)
+    assert said["schema"] == 3
     assert [(o["quantity"], o["verdict"]) for o in said["orders"]] == [("position", "below declared")]
 
 
@@ -173,20 +174,20 @@ def test_wrong_calls_are_one_line(made, capsys, tmp_path):
 
 def test_the_tally_is_that_of_results():
     """That a problem is presented as in the paper says nothing about a solver."""
-    rows = [judged("a", "REFUTED")] * 2 + [judged("b", "SUPPORTED", "presentation")]
-    words = "at the paper's settings: 0 SUPPORTED, 0 CONDITIONAL, 0 MIXED, 0 REFUTED, 0 UNTESTABLE\n"
-    words += "beyond them: 0 SUPPORTED, 0 CONDITIONAL, 0 MIXED, 2 REFUTED, 0 UNTESTABLE"
-    assert command.count_verdicts(rows) == words + "\nchecks of the presentation: 1 of 1 SUPPORTED"
+    rows = [judged("a", "not reproduced")] * 2 + [judged("b", "reproduced", "presentation")]
+    words = "at the paper's settings: 0 reproduced, 0 reproduced if, 0 not reproduced, 0 cannot be told\n"
+    words += "beyond them: 0 reproduced, 0 reproduced if, 2 not reproduced, 0 cannot be told"
+    assert command.count_verdicts(rows) == words + "\nchecks of the presentation: 1 of 1 reproduced"
     assert command.count_verdicts(rows[:2]) == words
 
 
 def test_claims_that_come_and_go_are_changes():
-    before = [judged("a", "SUPPORTED"), judged("b", "REFUTED")]
-    after = [judged("b", "CONDITIONAL"), judged("c", "SUPPORTED")]
+    before = [judged("a", "reproduced"), judged("b", "not reproduced")]
+    after = [judged("b", "reproduced if"), judged("c", "reproduced")]
     assert [dataclasses.astuple(c) for c in judging.find_changes(before, after)] == [
-        ("b", "beyond REFUTED", "beyond CONDITIONAL"),
-        ("c", "", "beyond SUPPORTED"),
-        ("a", "beyond SUPPORTED", ""),
+        ("b", "beyond not reproduced", "beyond reproduced if"),
+        ("c", "", "beyond reproduced"),
+        ("a", "beyond reproduced", ""),
     ]
 
 
@@ -197,12 +198,12 @@ def test_texts_of_a_register_are_not_markup(made, capsys):
     write(0.5)
     assert call() == 0
     assert "[bold]c[/]" in capsys.readouterr().out
-    assert command.STYLE.keys() == {"SUPPORTED", "CONDITIONAL", "MIXED", "REFUTED", "UNTESTABLE"}
+    assert command.STYLE.keys() == {"reproduced", "reproduced if", "not reproduced", "cannot be told"}
 
 
 CHEAP = (  # claims whose runs take half a minute or so: most problems, most verdicts
     "1-one-step", "1-any-tolerance", "5-gc-near-tolerance", "5-ode45-smallest", "7-start", "11-gc-coincident",
-    "11-ode45-coincident", "11-ode45-step-decrease", "12-redundant", "12-joint-A", "4-nonholonomic", "6-rheonomic",
+    "11-ode45-coincident", "11-ode45-step-decrease", "beyond-redundant", "12-joint-A", "4-nonholonomic", "6-rheonomic",
     "general-no-scaling",
 )  # fmt: skip
 

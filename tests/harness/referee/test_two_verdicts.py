@@ -5,10 +5,17 @@ import math
 import numpy as np
 import pytest
 
+from mbsbench.harness.places import Place
 from mbsbench.harness.referee.claims.predicates import Band
-from mbsbench.harness.results.judgements.claims import Ending, Gap, LeftOut
-from mbsbench.harness.results.judgements.files import shorten_claims
-from mbsbench.reports.model.claim_words import because, condition, distinct, share
+from mbsbench.harness.results.judgements.claims import Code, Ending, Gap, LeftOut
+from mbsbench.harness.results.judgements.files import (
+    CLAIMS,
+    add_code,
+    format_judgement,
+    read_judgement,
+    shorten_claims,
+)
+from mbsbench.reports.model.claim_words import because, condition, distinct, list_rows, share, verdict
 
 from .claiming import RUNS, TEST, claim, options
 from .synthetic import record, series
@@ -28,27 +35,30 @@ def is_printed(x):
 def test_printed_settings_have_a_verdict_of_their_own():
     """Good where the paper says, bad elsewhere, and the other way round; without printed rows there is one verdict."""
     c = claim(PRINTED, sizes(lambda x: 0.1 if is_printed(x) else 9.0))
-    assert (c.paper.verdict, c.paper.holds, c.paper.settings) == ("SUPPORTED", 2, 2)
-    assert (c.beyond.verdict, c.beyond.holds, c.beyond.settings) == ("REFUTED", 0, 10)
-    assert c.verdict == "SUPPORTED" and c.verdicts == "SUPPORTED, beyond REFUTED"
+    assert (c.paper.verdict, c.paper.holds, c.paper.settings) == ("reproduced", 2, 2)
+    assert (c.beyond.verdict, c.beyond.holds, c.beyond.settings) == ("not reproduced", 0, 10)
+    assert c.verdict == "reproduced" and c.verdicts == "reproduced, beyond not reproduced"
     c = claim(PRINTED, sizes(lambda x: 9.0 if is_printed(x) else 0.1))
-    assert c.verdicts == "REFUTED, beyond SUPPORTED"
-    assert claim().paper is None and claim().verdicts == "beyond SUPPORTED"
+    assert c.verdicts == "not reproduced, beyond reproduced"
+    assert claim().paper is None and claim().verdicts == "beyond reproduced"
 
 
-def test_a_condition_separates_or_the_verdict_is_mixed():
-    """Values of one dimension, of two, their complement; else a share and no condition."""
+def test_a_condition_separates_or_values_that_suffice_are_named():
+    """Values of one dimension, of two, their complement; else some with which the claim always holds."""
     c = claim(records=sizes(lambda x: 0.1 if x.control.rtol <= 1e-4 else 9.0))
-    assert c.verdict == "CONDITIONAL" and condition(c.beyond.decision) == "tolerance at most 0.0001"
+    assert c.verdict == "reproduced if" and condition(c.beyond.decision) == "tolerance at most 0.0001"
     c = claim(records=sizes(lambda x: 9.0 if options(x) == {"chart": "euler313", "lam": True} else 0.1))
-    assert c.verdict == "CONDITIONAL" and c.beyond.decision.unless
-    assert "Always unless with multipliers in the error test and chart euler313" in because(c)
+    assert c.verdict == "reproduced if" and c.beyond.decision.unless
+    assert "It holds with multipliers in the error test and chart euler313 never" in because(c)
     c = claim(records=sizes(lambda x: 0.1 if (options(x)["chart"] == "euler313") == (x.control.rtol > 5e-4) else 9.0))
-    assert c.verdict == "MIXED" and "50 %" in because(c) and not c.beyond.decision.by
+    assert c.verdict == "reproduced if" and "for 6 of 12 tried" in because(c) and not c.beyond.decision.by
+    enough = "chart quaternion and tolerance 1e-06 or 0.0001", "chart euler313 and tolerance 0.001"
+    assert all(words in verdict(c.beyond) for words in enough) and verdict(c.beyond).startswith("reproduced if chart")
+    assert c.beyond.decision.rest == 0 and sum(x.settings for x in c.beyond.decision.any_of) == 6
 
 
 @pytest.mark.parametrize(("size", "flips"), [
-    (1.4, [("wider", "SUPPORTED", 12)]), (1.6, []), (0.7, [("narrower", "REFUTED", 0)]), (0.6, []),
+    (1.4, [("wider", "reproduced", 12)]), (1.6, []), (0.7, [("narrower", "not reproduced", 0)]), (0.6, []),
 ])  # fmt: skip
 def test_a_verdict_that_hangs_on_its_band_is_borderline(size, flips):
     """Of at most 1 m, half as much again or two thirds of it are taken for the band, and both outcomes said."""
@@ -84,11 +94,11 @@ def test_a_limit_next_to_a_natural_one_is_not_borderline():
     """Constant steps have the ratio 1; a run of 10 s that stops at 9.9 s does not stop before 9 s, nor before 9.3 s."""
     ratio = 'map = "m"\ntests = [{ metric = "step ratio", at_most = 1.000001, unit = "" }]\n'
     c = claim(ratio, of=lambda r: series(np.linspace(0.0, 10.0, 101)))
-    assert c.verdict == "SUPPORTED" and c.beyond.borderline == ()
+    assert c.verdict == "reproduced" and c.beyond.borderline == ()
     early = 'map = "m"\ntests = [{ metric = "stops at", at_most = 9, unit = "s" }]\n'
     for stops, marked in ((9.9, False), (9.2, True)):
         c = claim(early, [record(x, status="singular", t_reached_s=stops, steps=9) for x in RUNS])
-        assert c.verdict == "REFUTED" and bool(c.beyond.borderline) is marked
+        assert c.verdict == "not reproduced" and bool(c.beyond.borderline) is marked
 
 
 PARTIAL = TEST.replace('"phi_max"', '"phi_max", partial = true')
@@ -102,12 +112,12 @@ def test_a_verdict_that_hangs_on_one_failed_run_is_none():
         return claim(PARTIAL, [record(x, **(FAILED if k in numbers else {"phi_max": 0.5})) for k, x in enumerate(RUNS)])
 
     c = with_failed(3)
-    assert c.verdict == "UNTESTABLE" and (c.beyond.holds, c.beyond.settings) == (11, 12)
+    assert c.verdict == "cannot be told" and (c.beyond.holds, c.beyond.settings) == (11, 12)
     (doubt,) = c.beyond.missing
     assert doubt.gap is Gap.HANGS and doubt.name == c.map[3].case and doubt.name in because(c)
-    assert with_failed(3, 4).verdict == "MIXED"
+    assert with_failed(3, 4).verdict == "reproduced if"
     ended = [record(x, phi_max=9.0 if k == 3 else 0.5) for k, x in enumerate(RUNS)]
-    assert claim(PARTIAL, ended).verdict in ("CONDITIONAL", "MIXED")
+    assert claim(PARTIAL, ended).verdict in ("reproduced if",)
 
 
 def test_of_many_values_one_that_meets_it_must_not_be_a_failed_run():
@@ -121,10 +131,10 @@ def test_of_many_values_one_that_meets_it_must_not_be_a_failed_run():
         return claim(text, [record(x, **(columns if big(x) else {"phi_max": 0.5})) for x in RUNS])
 
     c = met(phi_max=9.0)
-    assert c.verdict == "CONDITIONAL" and c.beyond.met == (1, 3)
-    assert share(c.beyond) == "1 of 4, at 1 of 3 values" and "met at 1 of 3 tolerances" in because(c)
+    assert c.verdict == "reproduced if" and c.beyond.met == (1, 3)
+    assert share(c.beyond) == "for 1 of 4 tried, at 1 of 3 values" and "met at 1 of 3 tolerances" in because(c)
     c = met(**FAILED)
-    assert c.verdict == "UNTESTABLE" and [m.gap for m in c.beyond.missing] == [Gap.HANGS]
+    assert c.verdict == "cannot be told" and [m.gap for m in c.beyond.missing] == [Gap.HANGS]
 
 
 def test_few_that_got_to_the_moment_settle_nothing():
@@ -135,14 +145,14 @@ def test_few_that_got_to_the_moment_settle_nothing():
         return claim(records=[record(x, phi_max=0.5, **({} if k < n else ended)) for k, x in enumerate(RUNS)])
 
     c = reached(1)
-    assert c.verdict == "UNTESTABLE" and "1 of 12 settings got to the moment" in because(c)
-    assert reached(2).verdict == "SUPPORTED"
+    assert c.verdict == "cannot be told" and "1 of 12 settings got to the moment" in because(c)
+    assert reached(2).verdict == "reproduced"
 
 
 def test_an_identity_counts_once():
     """The number of bodies is the problem's, whatever the solver: twelve settings are one."""
     c = claim('map = "m"\ntests = [{ metric = "number", of = "bodies", at_least = 1, at_most = 1, unit = "" }]\n')
-    assert (c.verdict, c.beyond.holds, c.beyond.settings, c.beyond.rows) == ("SUPPORTED", 1, 1, 12)
+    assert (c.verdict, c.beyond.holds, c.beyond.settings, c.beyond.rows) == ("reproduced", 1, 1, 12)
 
 
 def test_a_run_that_ended_before_the_moment_asked_about_is_open():
@@ -160,7 +170,7 @@ def test_a_run_that_ended_before_the_moment_asked_about_is_open():
     for at, holds in ((4.0, None), (2.0, True)):
         for test in (f'metric = "value", series = "x", at = {at}', f'metric = "largest", series = "x", to = {at}'):
             c = first(f'{{ {test}, at_most = 1, unit = "m" }}')
-            assert c.map[0].holds is holds and c.verdict == "SUPPORTED"
+            assert c.map[0].holds is holds and c.verdict == "reproduced"
             assert c.beyond.left_out == (() if holds else (LeftOut(Ending.EARLY, 1),))
     c = first('{ metric = "largest", series = "x", at_most = 2, unit = "m" }')
     assert c.map[0].holds is None
@@ -193,10 +203,19 @@ def test_equal_series_of_which_the_others_differ_are_two():
     assert claim(text, found).beyond.settings == 12
 
 
-def test_what_is_published_has_no_maps_but_a_row_that_stands_alone():
+def test_every_row_is_published_with_its_number_and_command(tmp_path):
+    """Number, holds or not, printed or not; the command of a run stands once in the file, and is back in each row."""
     own = [c for c in RUNS if c.solver == "ida_index1"]
-    c = claim(records=[record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
+    c = claim(PRINTED, [record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
     (kept,) = shorten_claims([c])
-    assert [m.settings_id for m in kept.map] == [own[0].settings_id] and not kept.settings_ids
+    assert [(m.holds, m.measured, m.printed) for m in kept.map] == [(m.holds, m.measured, m.printed) for m in c.map]
+    assert len(kept.map) == 12 and not kept.settings_ids and kept.map[0].command.startswith("mbsbench solve")
     assert kept.verdicts == c.verdicts and because(kept) == because(c)
-    assert shorten_claims([claim()])[0].map == ()
+    (tmp_path / "claims.json").write_text(format_judgement(add_code([kept, kept], Code({}, {}, "", "", ""))))
+    text = (tmp_path / "claims.json").read_text()
+    assert text.count("mbsbench solve") == 12
+    for found in read_judgement(CLAIMS, Place(tmp_path)):
+        assert list_rows(found) == list_rows(kept)
+    assert list_rows(kept)[0].startswith(
+        "printed, holds: 0.100 p, success: mbsbench solve spherical_pendulum ida_index1"
+    )

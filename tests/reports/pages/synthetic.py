@@ -42,7 +42,7 @@ NAN = math.nan
 TEST = Test("largest", {"series": "x"}, "", "", "m", (0.0, 0.05), 0.02)
 CLAIM = Claim(
     "c", "result", "5.2", (6, 7), "failed to run further at about 32 s", "A claim", None,
-    Finding(Verdict.SUPPORTED, 1, 1, 1), (TEST,), (0.02, 0.02), Because(), (), (),
+    Finding(Verdict.REPRODUCED, 1, 1, 1), (TEST,), (0.02, 0.02), Because(), (), (),
     {"tolerance": (1e-3,)}, (), (), {}, (),
 )  # fmt: skip
 CODE = Code({}, {}, "", "", "")
@@ -73,9 +73,9 @@ def claims(runs: Sequence[str]) -> tuple[Claim, ...]:
     )  # fmt: skip
     left = sum(m.holds is None for m in at)
     mixed = Finding(
-        Verdict.MIXED, sum(m.holds is True for m in at) - 1, len(at) - left - 3, len(at) - left - 1, 1,
+        Verdict.REPRODUCED_IF, sum(m.holds is True for m in at) - 1, len(at) - left - 3, len(at) - left - 1, 1,
         Decision({}, False, (Condition({"gain": 0.0}, 6, 6), Condition({"chart": HOSTILE}, 0, 2)), "gain"),
-        (Moved(0, "wider", Verdict.SUPPORTED, 9, 9),), (LeftOut(Ending.SLOW, left),),
+        (Moved(0, "wider", Verdict.REPRODUCED, 9, 9),), (LeftOut(Ending.SLOW, left),),
     )  # fmt: skip
 
     def claim(name: str, verdict: str, **more: object) -> Claim:
@@ -84,18 +84,18 @@ def claims(runs: Sequence[str]) -> tuple[Claim, ...]:
 
     needs = (Missing(Gap.NEED, "the commercial code"), Missing(Gap.RUNS, "case 3", "m", 2, 5))
     return (
-        claim("first-claim", "SUPPORTED"),
-        claim("second-claim", "REFUTED", tests=(replace(TEST, measured=3.0, band=(None, 0.05)),), section="5.4"),
-        claim("conditional-claim", "CONDITIONAL",
-              beyond=Finding(Verdict.CONDITIONAL, 2, 4, 4, 0, Decision({"gain": (0.0, 5.0)}))),
-        claim("third-claim", "MIXED", map=at, measured_range=(0.001, 0.4), paper=Finding(Verdict.REFUTED, 0, 1, 1),
-              beyond=mixed,
+        claim("first-claim", "reproduced"),
+        claim("second-claim", "not reproduced", tests=(replace(TEST, measured=3.0, band=(None, 0.05)),), section="5.4"),
+        claim("conditional-claim", "reproduced if",
+              beyond=Finding(Verdict.REPRODUCED_IF, 2, 4, 4, 0, Decision({"gain": (0.0, 5.0)}))),
+        claim("third-claim", "reproduced if", map=at, measured_range=(0.001, 0.4),
+              paper=Finding(Verdict.NOT_REPRODUCED, 0, 1, 1), beyond=mixed,
               factors={"gain": (Count(0.0, 6, 6), Count(5.0, 2, 6)), HOSTILE: (Count(HOSTILE, 1, 2),)},
               tests=(TEST, Test(HOSTILE, {}, HOSTILE, "", HOSTILE, (1.0, None), NAN, unbounded=True))),
-        replace(claim("fourth-claim", "UNTESTABLE", missing=needs, section="5.3", tests=(), settings={},
-                      measured_range=(), beyond=Finding(Verdict.UNTESTABLE)), settings_ids=()),
-        claim("presentation-claim", "SUPPORTED", kind="presentation"),
-        replace(claim(HOSTILE, "SUPPORTED", section=HOSTILE, quote=HOSTILE, settings={HOSTILE: (HOSTILE,)},
+        replace(claim("fourth-claim", "cannot be told", missing=needs, section="5.3", tests=(), settings={},
+                      measured_range=(), beyond=Finding(Verdict.CANNOT_BE_TOLD)), settings_ids=()),
+        claim("presentation-claim", "reproduced", kind="presentation"),
+        replace(claim(HOSTILE, "reproduced", section=HOSTILE, quote=HOSTILE, settings={HOSTILE: (HOSTILE,)},
                       against=(HOSTILE,), caveats=(HOSTILE,),
                       map=(MapRow(HOSTILE, HOSTILE, 0, {"form": HOSTILE}, True, NAN, HOSTILE, False),)),
                 claim=HOSTILE, settings_ids=(HOSTILE, "unknown")),

@@ -13,6 +13,7 @@ from mbsbench.reports.model.claim_words import (
     describe_count,
     describe_missing,
     format_measured,
+    list_rows,
 )
 from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
 from mbsbench.reports.pages.svg import describe_bar, number_line, scale_for
@@ -29,20 +30,21 @@ def rows():
 def test_a_claim_without_its_runs_has_the_published_verdict_and_says_so():
     """A bench runs a part of the maps: what it cannot judge is neither blank nor passed off as its own."""
     lacking = [
-        replace(c, beyond=Finding(Verdict.UNTESTABLE), missing=(Missing(Gap.RUNS, found=2, wanted=9),)) for c in rows()
+        replace(c, beyond=Finding(Verdict.CANNOT_BE_TOLD), missing=(Missing(Gap.RUNS, found=2, wanted=9),))
+        for c in rows()
     ]
     found = claims_of([lacking[0], *rows()[1:]], NONE, rows())
     assert [c.of.id for c in found if c.published] == ["first-claim", "fourth-claim"]  # the last lacks its runs anyway
     assert [c.of.verdict for c in found] == [c.of.verdict for c in claims_of(rows(), NONE)]
-    assert not any(c.published for c in claims_of(lacking, NONE))  # nothing is published: untestable, and why
+    assert not any(c.published for c in claims_of(lacking, NONE))  # nothing is published: it cannot be told, and why
 
 
 def test_counts_are_those_of_the_file_and_name_absent_verdicts():
     found = counts(claims_of(rows(), NONE))
     assert {m.word: n for m, n in found} == {
-        "refuted": 2, "mixed": 0, "conditional": 1, "supported": 2, "untestable": 1
+        "not reproduced": 2, "reproduced if": 1, "reproduced": 2, "cannot be told": 1
     }  # fmt: skip
-    assert {m.word: n for m, n in counts([])}["refuted"] == 0
+    assert {m.word: n for m, n in counts([])}["not reproduced"] == 0
 
 
 def test_checks_of_the_presentation_are_no_results():
@@ -62,7 +64,7 @@ def test_settings_left_open_are_not_counted_as_failing():
 
 def test_verdicts_have_a_symbol_and_a_word_each():
     marks = [VERDICTS[v] for v in Verdict]
-    assert len({m.symbol for m in marks}) == len({m.word for m in marks}) == 5
+    assert len({m.symbol for m in marks}) == len({m.word for m in marks}) == 4
 
 
 def test_a_band_may_be_open_at_one_end():
@@ -83,14 +85,14 @@ def test_a_number_that_does_not_exist_is_said_so():
 def test_conditions_are_worded_with_counts():
     """One dimension that separates, two that do, and a mixed map."""
     words = decision(synthetic.CLAIM, Decision({"chart": ("euler313",)}))
-    assert words == "only and always with chart euler313"
+    assert words == "it holds with chart euler313 always, and never without"
     words = decision(synthetic.CLAIM, Decision({"gain": (0.0, 5.0), "lambda_in_error_test": (True,)}, unless=True))
-    assert words == "always unless with gain 0 or gain 5 and multipliers in the error test"
+    assert words == "it holds with gain 0 or gain 5 and multipliers in the error test never, and always without"
     mixed = because(rows()[3])
     assert "always with gain 0 (6 of 6)" in mixed.lower() and "gain matters most: gain 0 6 of 6" in mixed
     assert "settings are left out beyond them: the limit on steps ended them" in mixed
-    assert "At the paper's settings it holds in 0 of 1 setting. Beyond them it holds in" in mixed
-    assert "distinct of" in mixed and "Borderline: with a band 1.5 times wider (largest [series x]) SUPPORTED" in mixed
+    assert "At the paper's settings it holds for none of 1 tried. Beyond them it holds for" in mixed
+    assert "distinct of" in mixed and "Borderline: with a band 1.5 times wider (largest [series x]) reproduced" in mixed
 
 
 def test_what_is_missing_is_named():
@@ -144,12 +146,12 @@ def test_runs_that_share_a_place_are_all_there():
 
 def test_changed_verdicts_against_the_published_are_found_and_put_first():
     now = rows()
-    good = Finding(Verdict.SUPPORTED)
+    good = Finding(Verdict.REPRODUCED)
     then = [replace(c, beyond=good) for c in now if c.id not in ("fourth-claim", "conditional-claim")]
-    then.append(replace(synthetic.CLAIM, id="gone", beyond=Finding(Verdict.REFUTED)))
+    then.append(replace(synthetic.CLAIM, id="gone", beyond=Finding(Verdict.NOT_REPRODUCED)))
     found = differences(now, then, claims_of(now, NONE))
     assert [d["id"] for d in found] == ["second-claim", "third-claim", "gone", "conditional-claim", "fourth-claim"]
-    assert found[0]["before"].word == "supported" and found[0]["after"].word == "refuted"
+    assert found[0]["before"].word == "reproduced" and found[0]["after"].word == "not reproduced"
     assert differences(now, now, claims_of(now, NONE)) == []
 
 
@@ -158,3 +160,14 @@ def test_a_place_that_many_runs_share_is_one_box_with_their_count():
     (box,) = grids(many, NONE)[0]["rows"][0][0]
     assert (box["mark"].symbol, box["mark"].kind) == ("3/8", "failed")
     assert box["words"].startswith("3 of 8 runs hold, 0 do not and stopped; first case 0")
+
+
+def test_rows_are_listed_with_number_finding_and_command():
+    """Printed ones first, then those that hold; a row without a command has its case."""
+    own = rows()[3]
+    listed = list_rows(own)
+    assert len(listed) == len(own.map) and len(list_rows(own, 2)) == 2
+    assert [x.startswith("printed") for x in listed] == sorted((m.printed for m in own.map), reverse=True)
+    row = replace(own.map[0], command="mbsbench solve x", control=0.5, printed=True, holds=True, measured=0.25)
+    (words,) = list_rows(replace(own, map=(row,)))
+    assert words.startswith("printed, holds: 0.250 m, control 0.500") and words.endswith(": mbsbench solve x")

@@ -86,8 +86,12 @@ def test_work_is_a_ratio_and_timings_need_more_than_spread():
 
 
 def test_changed_verdicts_say_which_way():
-    before = [replace(CLAIM, id=k, beyond=Finding(Verdict(v))) for k, v in (("a", "SUPPORTED"), ("b", "REFUTED"))]
-    after = [replace(CLAIM, id=k, beyond=Finding(Verdict(v))) for k, v in (("a", "REFUTED"), ("b", "CONDITIONAL"))]
+    before = [
+        replace(CLAIM, id=k, beyond=Finding(Verdict(v))) for k, v in (("a", "reproduced"), ("b", "not reproduced"))
+    ]
+    after = [
+        replace(CLAIM, id=k, beyond=Finding(Verdict(v))) for k, v in (("a", "not reproduced"), ("b", "reproduced if"))
+    ]
     assert [(r.settings_id, r.worse) for r in claims(before, after)] == [("a", True), ("b", False)]
 
 

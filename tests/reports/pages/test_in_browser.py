@@ -61,7 +61,7 @@ def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
     tab = browser.open(folder / "claims.html")
     shown = "[...document.querySelectorAll('[data-item]')].filter((e) => !e.hidden).length"
     assert tab.evaluate(shown) == 7
-    tab.evaluate(CHOOSE % "conditional")
+    tab.evaluate(CHOOSE % "reproduced if")
     assert tab.evaluate(shown) == 1
     assert tab.evaluate("document.querySelector('.filters [role=status]').textContent") == "1 of 7 shown"
     boxes = "document.querySelectorAll('[data-grid] .box')"
@@ -110,7 +110,7 @@ def test_thousands_of_certificates_are_paged_and_the_address_keeps_the_choice(br
 
 def test_a_link_to_a_hidden_claim_brings_it_back(browser, folder):
     tab = browser.open(folder / "claims.html")
-    tab.evaluate(CHOOSE % "refuted")
+    tab.evaluate(CHOOSE % "not reproduced")
     tab.evaluate("location.hash = '#first-claim'")
     tab.until("!document.getElementById('first-claim').hidden")
 

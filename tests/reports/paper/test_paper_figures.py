@@ -178,11 +178,11 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     assert [c.id for c in before.claims] == [c.id for c in published if 9 in c.figure]
     assert one(tmp_path, "fig09-recommended").claims == ()
     judged = next(c for c in published if c.id == "9-energy-drop")
-    refuted = Finding(Verdict.REFUTED, 0, 2, 2)
+    refuted = Finding(Verdict.NOT_REPRODUCED, 0, 2, 2)
     own = (replace(judged, paper=refuted, beyond=None),)
     write_judgements(Place(tmp_path) / FOLDER, {"claims": own}, Code({}, {}, "", "", ""))
     (claim,) = one(tmp_path, "fig09").claims
-    assert (claim.paper, claim.beyond) == (("REFUTED", "0 of 2"), ("", ""))
+    assert (claim.paper, claim.beyond) == (("not reproduced", "for none of 2 tried"), ("", ""))
     assert claim.tests[0][1] == band(judged.tests[0])
     (tmp_path / FOLDER / "claims.json").write_text("[{", encoding="utf-8")
     assert one(tmp_path, "fig09").claims_published
@@ -203,4 +203,4 @@ def test_the_page_shows_figures_claims_and_runs(tmp_path):
     build.command(tmp_path, ["fig11"], suite(), suffixes=("svg",))
     html = (site.build(tmp_path).parent / "paper.html").read_text(encoding="utf-8")
     assert "Fig. 11" in html and "not run" in html
-    assert "These results are not judged" in html and "DAE-SE gets to 5 s" in html and "refuted" in html
+    assert "These results are not judged" in html and "DAE-SE gets to 5 s" in html and "not reproduced" in html

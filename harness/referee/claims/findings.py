@@ -1,0 +1,145 @@
+"""Findings on the settings of a claim: at those that the paper prints and the others, by solver, and of a control."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from ...results.judgements.claims import Control, Ending, Finding, Gap, LeftOut, Missing, Value, Verdict
+from . import register as given
+from .conditions import decide_along, decision
+from .evidence import MEASURES
+from .maps import Place, select, values_of
+from .numbers import Numbers
+from .points import Point, points, stands_beside
+from .predicates import NEAREST
+
+CUT = (Ending.MACHINE, Ending.SLOW, Ending.EARLY)  # a run ended before the moment asked about
+FEW = 0.1  # of the settings asked: fewer that got to that moment settle nothing
+
+
+class Tried(NamedTuple):
+    """The runs of a claim: its own, those compared with, and those of its control."""
+
+    own: tuple[Place, ...]
+    others: tuple[Place, ...]
+    controls: tuple[Place, ...]
+
+    @classmethod
+    def of(cls, claim: given.Claim, places: Sequence[Place]) -> "Tried":
+        """Those that its maps select."""
+        return cls(*(select(places, m.over) if m else () for m in (claim.map, claim.against, claim.control)))
+
+
+def ask_control(
+    claim: given.Claim, rows: Sequence[Sequence[Point]], tried: Tried, numbers: Numbers
+) -> tuple[Control | None, dict[int, Point]]:
+    """The finding on the control runs beside the settings of the first verdict, and the one beside each point."""
+    asked = points(replace(claim, map=claim.control), tried.controls, tried.others, numbers)
+    beside = {}
+    for p in (p for row in rows for p in row):
+        found = [q for q in asked if stands_beside(claim, p.places[0], q.places[0])]
+        if found:
+            beside[id(p)] = min(found, key=lambda q: q.holds is None)
+    first = _first_side(rows)
+    used = {id(q): q for row in first for p in row if (q := beside.get(id(p)))}
+    if not used:
+        return None, beside
+    both = sum(row[0].holds is True and any((q := beside.get(id(p))) and q.holds for p in row) for row in first)
+    finding = find(claim, merge_equal(claim, list(used.values())), decide=True, explain=True)
+    return Control(tuple(values_of(p.spec.solver for p in tried.controls)), finding, both), beside
+
+
+def split_by_solver(claim: given.Claim, rows: Sequence[Sequence[Point]]) -> dict[str, Finding]:
+    """The first finding for each solver, where there are several."""
+    own: dict[str, list[Sequence[Point]]] = {}
+    for row in _first_side(rows):
+        own.setdefault(row[0].places[0].spec.solver, []).append(row)
+    return {name: find(claim, own[name], True, True) for name in sorted(own)} if len(own) > 1 else {}
+
+
+def _first_side(rows: Sequence[Sequence[Point]]) -> list[Sequence[Point]]:
+    """The rows that the paper prints, else all."""
+    return [row for row in rows if any(p.printed for p in row)] or list(rows)
+
+
+def merge_equal(claim: given.Claim, found: Sequence[Point]) -> list[list[Point]]:
+    """Settings of equal series, or whose numbers are those of one problem, together: the first stands for all."""
+    out: dict[object, list[Point]] = {}
+    identity = all(MEASURES[t.metric].of_problem for t in claim.tests)
+    for k, p in enumerate(found):
+        key: object = (p.series, repr(p.numbers), p.holds, p.left_out) if p.series else k
+        key = (p.places[0].spec.problem, p.holds, p.left_out) if identity else key
+        out.setdefault(key, []).append(p)
+    return list(out.values())
+
+
+def find_sides(
+    claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool = True, explain: bool = True
+) -> tuple[Finding | None, Finding | None]:
+    """At the settings that the paper prints, and at the others; a row of which one is printed is at the paper's."""
+    sides = [[row for row in rows if any(p.printed for p in row) is side] for side in (True, False)]
+    return tuple(find(claim, side, decide, explain) if side else None for side in sides)  # type: ignore[return-value]
+
+
+def find(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool, explain: bool) -> Finding:
+    """Count the settings that hold, and conclude; ``explain``: name the choices with which they do."""
+    counted = [row for row in rows if row[0].holds is not None]
+    holding = [row for row in counted if row[0].holds]
+    every = [p for row in counted for p in row]
+    left = Counter(row[0].left_out for row in rows if row[0].holds is None)
+    verdict = _verdict(claim, len(holding), len(counted)) if decide else Verdict.CANNOT_BE_TOLD
+    missing = _doubts(claim, [row[0] for row in counted], left) if decide else []
+    values = {q.dimensions[claim.across] for row in rows for p in row for q in p.places} if _one_suffices(claim) else ()
+    met = {v for p in every for v in p.met_at}
+    why = None
+    if missing:
+        verdict = Verdict.CANNOT_BE_TOLD
+    elif verdict is Verdict.REPRODUCED_IF and explain:
+        why = decision(dimensions_of(claim, every))
+    elif verdict is Verdict.REPRODUCED and any(len(set(row[0].met_at)) < len(values) for row in counted):
+        verdict, why = Verdict.REPRODUCED_IF, decide_along(claim.across, tuple(met), values_of(values))
+    return Finding(
+        verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding), why, (),
+        tuple(LeftOut(how, left[how]) for how in Ending if left[how]),
+        (len(met), len(values)) if values else None, tuple(missing),
+    )  # fmt: skip
+
+
+def _one_suffices(claim: given.Claim) -> bool:
+    return any(t.combine == NEAREST for t in claim.tests)
+
+
+def _verdict(claim: given.Claim, holding: int, counted: int) -> Verdict:
+    """The verdict on some settings: for all of them, for some, which are to be named, or for none."""
+    if not counted:
+        return Verdict.CANNOT_BE_TOLD
+    if holding == counted or (holding and claim.quantifier == "some"):
+        return Verdict.REPRODUCED
+    return Verdict.REPRODUCED_IF if holding else Verdict.NOT_REPRODUCED
+
+
+def _doubts(claim: given.Claim, counted: Sequence[Point], left: Mapping[Ending, int]) -> list[Missing]:
+    """Reasons why a count settles nothing: most runs ended before, or the verdict hangs on one run that failed."""
+    asked = len(counted) + sum(left[how] for how in CUT)
+    if counted and len(counted) < FEW * asked:
+        return [Missing(Gap.REACHED, found=len(counted), wanted=asked)]
+    holding, total = sum(p.holds is True for p in counted), len(counted)
+    for p in counted:
+        rest = total if p.met_at else total - 1  # one of several values less leaves the setting, but nothing meets it
+        without = _verdict(claim, holding - bool(p.holds), rest)
+        if p.failed and rest and without is not _verdict(claim, holding, total):
+            return [Missing(Gap.HANGS, p.places[0].spec.case)]
+    return []
+
+
+def dimensions_of(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Mapping[str, Value], bool]]:
+    """Those that some run chose: defaults differ between problems and solvers, and would stand for these."""
+    chosen = find_chosen(q for p in points for q in p.places) - {claim.across}
+    return [({k: v for k, v in p.places[0].dimensions.items() if k in chosen}, p.holds is True) for p in points]
+
+
+def find_chosen(places: Iterable[Place]) -> set[str]:
+    """The dimensions that some run chose, and problem and solver."""
+    return {"problem", "solver"}.union(*(p.dimensions.keys() - p.usual for p in places))
