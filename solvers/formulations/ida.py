@@ -66,11 +66,19 @@ def integrate(
     with ExitStack() as stack:
         rows = RowsInUse(layout, restart, problem, every=ROWS_EVERY)
         y = latest
+        last = problem.initial.t, y
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
+            nonlocal last
+            try:
+                t, y = pieces[-1].step(problem.t_end)
+            except StepFailure:
+                if not rows.can_rescue(*last):
+                    raise
+                t, y = pieces[-1].step(problem.t_end)
             at = rows.layout
-            t, y = pieces[-1].step(problem.t_end)
             reaction = at.all_rows(y[at.lam])
+            last = t, y
             rows.look(t, y)
             return t, y, reaction
 

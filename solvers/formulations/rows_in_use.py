@@ -26,10 +26,17 @@ class RowsInUse:
         begin(layout, problem)
 
     def look(self, t: float, y: np.ndarray) -> None:
-        """Begin on better rows from an accepted step if those in use are worn."""
-        kept = self._wear.better_rows(y, t, self._every)
+        """Begin on better rows from an accepted step if those in use are worn, at one step of ``every``."""
+        self._renew(t, y, self._every)
+
+    def can_rescue(self, t: float, y: np.ndarray) -> bool:
+        """Begin on better rows from the last accepted step, behind which a step has failed; return whether any are."""
+        return self._renew(t, y, 1)
+
+    def _renew(self, t: float, y: np.ndarray, every: int) -> bool:
+        kept = self._wear.better_rows(y, t, every)
         if kept is None:
-            return
+            return False
         at = self.layout
         p, u = y[at.p].reshape(1, at.system.nb, -1), y[at.u].reshape(1, at.system.nb, 6)
         try:
@@ -40,6 +47,7 @@ class RowsInUse:
         self._wear = Wear(self.layout)
         self.changes.append(t)
         self._begin(self.layout, replace(self._problem, initial=start))
+        return True
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -71,11 +71,12 @@ def _factorise(k, W):
                         L[p, a, a] += weight
                 else:
                     _add_translations(k.way, at, to, height, size, weight, L, p)
+        for a in range(size):
+            L[b.start[col], a, a] *= 1.0 + k.state.shift
         if W == HINGE:
             _turn_blocks(k, col)
         for a in range(size):
             k.diagonal[b.row[col] + a] = L[b.start[col], a, a]
-            L[b.start[col], a, a] *= 1.0 + k.state.shift
     for col in range(nj):
         d, size = b.start[col], b.size[col]
         rank += _diagonal(L, d, size, k.diagonal, b.row[col])
