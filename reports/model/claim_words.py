@@ -111,13 +111,17 @@ def control(c: judged.Claim) -> str:
         return ""
     who = join_words(list(c.control.solvers))
     f = c.control.finding
-    beside = f"{who}, in the same chart, at the same tolerance and on the same motion,"
+    at = f"over the same {c.because.across}s" if c.because.across else "at the same tolerance"
+    beside = f"{who}, in the same chart, {at} and on the same motion,"
     if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
         return f"{beside} settles nothing"
     if not f.holds:
         return f"{beside} does not ({tried(f)})"
-    both = f", in {plural(c.control.both, 'setting')} where the claim holds" if c.control.both else ""
-    return f"{beside} does so too ({tried(f)}{_met(f)}){both}: there the claim tells nothing of its own solvers"
+    found = f"{beside} does so too ({tried(f)}{_met(f)})"
+    if not c.control.both:
+        return f"{found}, but in no setting where the claim holds"
+    where = f"in {plural(c.control.both, 'setting')} where the claim holds"
+    return f"{found}, {where}: there the claim tells nothing of its own solvers"
 
 
 def by_solver(c: judged.Claim) -> str:

@@ -73,13 +73,15 @@ def decision(points: Points) -> Decision:
 
 
 def decide_along(name: str, met: Sequence[Any], tried: Sequence[Any]) -> Decision:
-    """The values along a dimension that meet a claim, of those tried: one by one, or their range."""
+    """The values along a dimension that meet a claim, of those tried: one by one, or ranges of neighbours."""
     values = values_of(met)
-    if len(values) > MOST_VALUES:
-        low, high = f"{values[0]:g}", f"{values[-1]:g}"
-        between = [v for v in tried if values[0] <= v <= values[-1]]
-        values = [f"{low} to {high}" if len(between) == len(values) else f"one of {len(values)} from {low} to {high}"]
-    return Decision({name: tuple(values)})
+    if len(values) <= MOST_VALUES:
+        return Decision({name: tuple(values)})
+    runs: list[list[Any]] = []
+    for before, v in zip([None, *tried], tried, strict=False):
+        if v in values:
+            runs[-1].append(v) if runs and runs[-1][-1] == before else runs.append([v])
+    return Decision({name: tuple(f"{r[0]:g} to {r[-1]:g}" if len(r) > 1 else f"{r[0]:g}" for r in runs)})
 
 
 def sufficient(points: Points) -> tuple[Condition, ...]:

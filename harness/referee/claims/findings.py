@@ -46,9 +46,14 @@ def ask_control(
     used = {id(q): q for row in first for p in row if (q := beside.get(id(p)))}
     if not used:
         return None, beside
-    both = sum(row[0].holds is True and any((q := beside.get(id(p))) and q.holds for p in row) for row in first)
+    both = sum(any((q := beside.get(id(p))) and _both_hold(p, q) for p in row) for row in first)
     finding = find(claim, merge_equal(claim, list(used.values())), decide=True, explain=True)
     return Control(tuple(values_of(p.spec.solver for p in tried.controls)), finding, both), beside
+
+
+def _both_hold(p: Point, q: Point) -> bool:
+    """Whether a setting and its control meet the claim; where one value along ``across`` suffices, with the same one."""
+    return bool(p.holds and q.holds and (not p.met_at or set(p.met_at) & set(q.met_at)))
 
 
 def split_by_solver(claim: given.Claim, rows: Sequence[Sequence[Point]]) -> dict[str, Finding]:
@@ -93,13 +98,16 @@ def find(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool, expl
     missing = _doubts(claim, [row[0] for row in counted], left) if decide else []
     values = {q.dimensions[claim.across] for row in rows for p in row for q in p.places} if _one_suffices(claim) else ()
     met = {v for p in every for v in p.met_at}
+    some = bool(values) and any(len(set(row[0].met_at)) < len(values) for row in counted)
     why = None
     if missing:
         verdict = Verdict.CANNOT_BE_TOLD
-    elif verdict is Verdict.REPRODUCED_IF and explain:
-        why = decision(dimensions_of(claim, every))
-    elif verdict is Verdict.REPRODUCED and any(len(set(row[0].met_at)) < len(values) for row in counted):
-        verdict, why = Verdict.REPRODUCED_IF, decide_along(claim.across, tuple(met), values_of(values))
+    elif verdict is Verdict.REPRODUCED and some:
+        verdict = Verdict.REPRODUCED_IF
+        shared = set.intersection(*(set(row[0].met_at) for row in counted))
+        why = decide_along(claim.across, tuple(shared), values_of(values)) if shared else None
+    if verdict is Verdict.REPRODUCED_IF and explain and why is None:
+        why = decision(_spread_along(claim, every) if some else dimensions_of(claim, every))
     return Finding(
         verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding), why, (),
         tuple(LeftOut(how, left[how]) for how in Ending if left[how]),
@@ -138,6 +146,16 @@ def dimensions_of(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Map
     """Those that some run chose: defaults differ between problems and solvers, and would stand for these."""
     chosen = find_chosen(q for p in points for q in p.places) - {claim.across}
     return [({k: v for k, v in p.places[0].dimensions.items() if k in chosen}, p.holds is True) for p in points]
+
+
+def _spread_along(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Mapping[str, Value], bool]]:
+    """Each setting with each value along ``across``, and whether that one meets the claim."""
+    at = dimensions_of(claim, points)
+    return [
+        ({**own, claim.across: value}, value in p.met_at)
+        for (own, _), p in zip(at, points, strict=True)
+        for value in values_of(q.dimensions[claim.across] for q in p.places)
+    ]
 
 
 def find_chosen(places: Iterable[Place]) -> set[str]:

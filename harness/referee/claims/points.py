@@ -71,7 +71,7 @@ def _split_ranges(claim: Claim, group: Sequence[Place]) -> list[tuple[list[Place
         return [(list(group), _spans(claim, group))]
     out = []
     for ends in claim.ranges:
-        named = {f"{claim.across} range": f"{ends[0]:g} to {ends[1]:g}"}
+        named = {_name_range(claim): f"{ends[0]:g} to {ends[1]:g}"}
         inside = [p for p in group if min(ends) <= p.dimensions[claim.across] <= max(ends)]
         if len(inside) > 1:
             spans = {p.dimensions[claim.across] for p in inside} >= set(ends)
@@ -79,9 +79,15 @@ def _split_ranges(claim: Claim, group: Sequence[Place]) -> list[tuple[list[Place
     return out
 
 
+def _name_range(claim: Claim) -> str:
+    """The dimension that a range of values along ``across`` is."""
+    return f"{claim.across} range"
+
+
 def stands_beside(claim: Claim, p: Place, q: Place) -> bool:
     """Whether a control run ``q`` is of the motion, chart and tolerance of ``p``, as far as both have them."""
-    shared = (k for k in BESIDE if k in p.dimensions and k in q.dimensions and k != claim.across)
+    asked = (*BESIDE, _name_range(claim))
+    shared = (k for k in asked if k in p.dimensions and k in q.dimensions and k != claim.across)
     return all(p.dimensions[k] == q.dimensions[k] for k in shared)
 
 
@@ -157,8 +163,8 @@ def _ends_early(claim: Claim, test: Test, value: float, runs: Sequence[Place], n
     That says nothing on what would have been there, whatever kind of test asks; where reaching it is the claim, a test
     asks for just that. Of several runs what the others do not bound is open: a ratio to complete runs can only grow.
     """
-    if claim.starting:
-        return False
+    if claim.starting or any(MEASURES[t.metric].of_stopped for t in claim.tests):
+        return False  # of a claim on runs that stop, what there is of them is all that is asked about
     own, *others = (numbers.records[p.spec.settings_id] for p in runs)
     if not test.compare and test.combine not in ("", NEAREST):
         return not all(MEASURES[test.metric].of_end or gets_to(test, r) for r in (own, *others))
