@@ -23,7 +23,7 @@ from .includes import Source, path_of, read_source, source, with_included
 from .shape import Defaults, Group, Names, Tables
 from .spec import RunSpec, make_spec
 
-MOST_RUNS = 200_000  # of a suite: a day on forty cores at a second each, and their list fits into memory
+MOST_RUNS = 200_000  # of a suite file: two days and more on a core at a second each, and their list fits into memory
 LIMITS = ("cpu_limit", "memory", "repeats", "min_time", "label")
 CONTROL = ("dt", "rtol", "max_step", "max_steps")
 
