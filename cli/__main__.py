@@ -1,5 +1,6 @@
 """``mbsbench``, the command line. Exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
 
+import contextlib
 import io
 import os
 import signal
@@ -70,8 +71,9 @@ def _explain(error: Exception) -> tuple[int, str]:
     if isinstance(error, RecursionError):
         return 2, "a file is nested too deeply to be read"
     from ..harness.execution.pool import PoolError  # here: it takes half a second, which --help does not need
+    from ..harness.sandbox.apart import NotBegunError
 
-    if isinstance(error, PoolError):
+    if isinstance(error, PoolError | NotBegunError):
         return 1, str(error)
     raise error
 
@@ -109,16 +111,25 @@ def _judge_apart() -> int:
     if not child:
         os.close(read)
         end_with(parent, signal.SIGTERM)
-        code = _run_main()
-        os.write(write, b"came to its end")
-        return code
+        os.write(write, bytes([_run_main() & 255]))  # what is registered for the end of the process comes after it
+        return 0
     os.close(write)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to the child, too, which ends in order
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if code == 0 and not os.read(read, 1):
+    os.set_blocking(read, False)  # a process that it left may hold the other end
+    for name in (signal.SIGINT, signal.SIGTERM):  # a terminal sends the first to the child, too, which ends in order
+        signal.signal(name, lambda number, frame: _pass_on(child, number))
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    with contextlib.suppress(BlockingIOError):
+        if verdict := os.read(read, 1):
+            return verdict[0]
+    if status == 0:
         sys.stderr.write("error: the command ended before its verdict: a file that it loaded ended its process\n")
-        return 1
-    return code if code >= 0 else 128 - code
+    return 1 if status == 0 else status if status > 0 else 128 - status
+
+
+def _pass_on(child: int, number: int) -> None:
+    if number == signal.SIGTERM:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(child, number)
 
 
 def _open_streams() -> None:

@@ -25,6 +25,7 @@ KINDS = {
     stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
 }  # fmt: skip
 OWN = ("", "a file", "a folder")
+LARGEST = 2**30  # [bytes] of a file that a user names
 
 
 class NotOwn(OSError):
@@ -247,7 +248,7 @@ def place_of(path: Path | Place) -> Place:
     return Place(path.parent) / path.name
 
 
-def read_whole(path: Path, largest: int) -> bytes:
+def read_whole(path: Path, largest: int = LARGEST) -> bytes:
     """Return the content of a file that the user named, through links too: a regular file of ``largest`` bytes at most.
 
     OSError for anything else: a pipe would be waited for, a device read without end.

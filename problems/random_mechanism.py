@@ -32,10 +32,14 @@ Poses = tuple[Float[np.ndarray, "places 3"], Float[np.ndarray, "places 3 3"]]  #
 def random_mechanism(
     *,
     bodies: Annotated[int, Parameter("number of bodies", "", at_least=1, at_most=1000)] = 6,
-    loops: Annotated[int, Parameter("links that close the tree", "", at_least=0)] = 1,
-    repeated: Annotated[int, Parameter("joints that are declared twice: redundant rows", "", at_least=0)] = 0,
-    springs: Annotated[int, Parameter("spring-dampers between bodies or to the ground", "", at_least=0)] = 2,
-    loads: Annotated[int, Parameter("constant forces and torques", "", at_least=0)] = 1,
+    loops: Annotated[int, Parameter("links that close the tree", "", at_least=0, at_most=1000)] = 1,
+    repeated: Annotated[
+        int, Parameter("joints that are declared twice: redundant rows", "", at_least=0, at_most=1000)
+    ] = 0,
+    springs: Annotated[
+        int, Parameter("spring-dampers between bodies or to the ground", "", at_least=0, at_most=1000)
+    ] = 2,
+    loads: Annotated[int, Parameter("constant forces and torques", "", at_least=0, at_most=1000)] = 1,
     mechanism_seed: Annotated[int, Parameter("random seed", "", at_least=0)] = 1,
     size: Annotated[float, Parameter("scale of all lengths; times grow by its root", "m", above=0.0)] = 1.0,
     mass: Annotated[float, Parameter("scale of all masses and forces", "kg", above=0.0)] = 1.0,

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..places import read_whole
 from . import sdformat, urdf, usd
 from .closing import close_joints
 from .links import LinkMechanism
@@ -50,7 +51,7 @@ def files(path: Path) -> tuple[Path, ...]:
 
 def _included(here: Path, top: Path) -> Iterator[Path]:
     """Files that a file of MuJoCo's names, beside it or beside the first one, where MuJoCo looks for them."""
-    text = COMMENT.sub(b"", here.read_bytes())
+    text = COMMENT.sub(b"", read_whole(here))
     for match in INCLUDE.finditer(text):
         name = (match[1] or match[2]).decode(errors="replace")
         yield from [p for p in (here.parent / name, top.parent / name) if p.is_file()][:1]
@@ -102,12 +103,12 @@ def _compile_file(path: Path) -> CompiledMechanism:
 
 
 def _root(path: Path) -> bytes:
-    found = ROOT.search(COMMENT.sub(b"", path.read_bytes()))
+    found = ROOT.search(COMMENT.sub(b"", read_whole(path)))
     return found[1] if found else b""
 
 
 def _digest(path: Path) -> str:
-    return hashlib.sha256(b"\0".join(p.read_bytes() for p in files(path))).hexdigest()[:12]
+    return hashlib.sha256(b"\0".join(read_whole(p) for p in files(path))).hexdigest()[:12]
 
 
 def _without_looks(mj: Any, spec: Any) -> None:

@@ -5,9 +5,10 @@ Every flag of MuJoCo's is in one of the lists; a flag of a later version that is
 
 from typing import Any
 
+SPRINGS = ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness", "tendon_stiffnesspoly")
+DAMPERS = ("dof_damping", "dof_dampingpoly", "tendon_damping", "tendon_dampingpoly")
 OFF = {  # numbers that are zero where the flag is disabled
-    "SPRING": ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness", "tendon_stiffnesspoly"),
-    "DAMPER": ("dof_damping", "dof_dampingpoly", "tendon_damping", "tendon_dampingpoly"),
+    "SPRING": SPRINGS, "DAMPER": DAMPERS, "PASSIVE": (*SPRINGS, *DAMPERS),  # the last of MuJoCo before 3.3.7
     "EQUALITY": ("eq_active0",),
     "CONSTRAINT": ("eq_active0", "dof_frictionloss", "tendon_frictionloss", "jnt_limited", "tendon_limited",
                    "geom_contype", "geom_conaffinity"),
@@ -17,7 +18,7 @@ OFF = {  # numbers that are zero where the flag is disabled
 READ = ("GRAVITY",)  # where the system is made
 WITHOUT_EFFECT = (  # on which forces act here: collisions, actuators and how MuJoCo computes
     "CLAMPCTRL", "WARMSTART", "FILTERPARENT", "ACTUATION", "REFSAFE", "SENSOR", "MIDPHASE", "EULERDAMP", "AUTORESET",
-    "NATIVECCD", "ISLAND", "MULTICCD", "PASSIVE",
+    "NATIVECCD", "ISLAND", "MULTICCD",
 )  # fmt: skip
 ENABLED = ("OVERRIDE", "ENERGY", "FWDINV", "INVDISCRETE", "SLEEP", "DIAGEXACT", "IPC", "SPECULATIVE", "MULTICCD",
            "ISLAND")  # fmt: skip

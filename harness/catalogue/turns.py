@@ -71,8 +71,12 @@ def _go_on(
         span = min(problem.t_end - t, _whole_steps(AHEAD * span, control.dt))
         start = State(last.r, last.R, last.v, last.Omega)
         here = _begin_at(system, t)
+        steps_left = control.max_steps - sum(len(c.t) - 1 for c in costs)
+        if steps_left < 1:
+            status, message = Status.STALLED, f"stopped at t = {t:.6g} s: its {control.max_steps} steps are used up"
+            break
         piece = replace(problem, system=here, initial=project(here, start), t_end=span, reference_from=None)
-        more = solve(piece, alone)
+        more = solve(piece, replace(alone, max_steps=steps_left))
         right = _count_right(here, more)
         costs.append(more)
         parts.append(_cut(more, right, t))

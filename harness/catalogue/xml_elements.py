@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
+from ..places import read_whole
+
 
 class Element(ET.Element):
     """An element that knows its line."""
@@ -70,7 +72,7 @@ class Vocabulary:
 def parse(path: Path) -> ET.Element:
     """The root of a file, or ValueError in one line."""
     builder, parser = ET.TreeBuilder(element_factory=Element), expat.ParserCreate()
-    content = path.read_bytes()
+    content = read_whole(path)
     text = content.lstrip() if content[:2] not in (b"\xff\xfe", b"\xfe\xff") else content
     before = content[: len(content) - len(text)].count(b"\n")
 

@@ -21,7 +21,7 @@ from ..files import FileError
 from ..places import Place
 from ..results import records, store
 from ..results.records import RunRecord
-from ..sandbox.apart import NOWHERE, SLACK, Apart, Ended
+from ..sandbox.apart import NOWHERE, SLACK, Apart, Ended, NotBegunError
 from ..sandbox.isolation import CANNOT_WRITE, PATIENCE, adopt_orphans, end_descendants, limit_process, trim
 from ..types import EndedBy, Problem
 from .job import CUT_SHORT, GRACE, Job, cut_short, record_unfinished
@@ -36,10 +36,6 @@ SOLVING, UNBEGUN = "solving", "unbegun"  # and before: the solver's process has 
 FULL = "no space left on the disk, or a file as large as ulimit -f allows"
 Send = Callable[[str], None]
 Store = Callable[[Outcome], RunRecord]
-
-
-class NotBegunError(RuntimeError):
-    """A run ended before its solver began: nothing is known of the solver, and nothing is kept."""
 
 
 def run_here(job: Job) -> RunRecord:
@@ -86,7 +82,8 @@ def run_one(
             told.append(True)
         return bool(stopped)
 
-    ended = process.wait(is_unwanted)
+    ended = process.watch(is_unwanted)
+    is_unwanted()  # it may have begun and ended between two looks
     if ended.unbegun and not stopped:
         send(f"{UNBEGUN} {' '.join(ended.unbegun.split())}")
         raise NotBegunError(ended.unbegun)
@@ -152,8 +149,8 @@ class Run(Apart):
         )  # fmt: skip
         self.job, self.measure_limit = job, SLACK * measure_limit
         self.began, self.stopped, self.measuring = time.monotonic(), False, False
-        self.solving, self.unbegun = salvages, ""  # whether its solver has begun, or why it has not
         self.salvages = salvages
+        self.solving, self.unbegun = salvages, ""  # whether its solver has begun, or why it has not
 
     def look(self) -> Ended | None:
         """Once the solver's process has ended, keep the limit on the wall time of measuring."""
@@ -209,7 +206,7 @@ class Run(Apart):
         """The records in whole lines; FileError where they are not those that a run sends, each once and in order."""
         lines = [line.partition(" ")[::2] for line in sent.split("\n")[:-1]]
         ahead = dict(line for line in lines if line[0] in (SOLVING, UNBEGUN))
-        self.solving, self.unbegun = SOLVING in ahead, ahead.get(UNBEGUN, "")
+        self.solving, self.unbegun = self.salvages or SOLVING in ahead, ahead.get(UNBEGUN, "")
         lines = [line for line in lines if line[0] not in ahead]
         found = {what: records.from_json(text) for what, text in lines if text}
         bare = found.get(MEASURING)

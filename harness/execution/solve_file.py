@@ -60,7 +60,7 @@ def solve_to_file(
 
         def finish(process: Run) -> tuple[RunRecord, bool]:
             try:
-                return outcome_of(process, process.wait(lambda: patience.now(_stage(process.hear()))))
+                return outcome_of(process, process.watch(lambda: patience.now(_stage(process.hear()))))
             finally:
                 partial_of(out, process.pid).unlink(missing_ok=True)
 

@@ -21,11 +21,11 @@ from ..files import FileError
 from ..places import Place
 from ..results import store
 from ..results.records import RunRecord
-from ..sandbox.apart import Ended
+from ..sandbox.apart import Ended, NotBegunError
 from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out, trim
 from .job import Job
 from .protocol import CodeTime, Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
-from .run import NotBegunError, Run, run_and_store, store_outcome, words_of
+from .run import Run, run_and_store, store_outcome, words_of
 from .warmup import prepare
 
 POLL = 0.1  # [s]

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..files import FileError
+from ..places import read_whole
 from ..sandbox.apart import Apart
 from .tables import Table, read_table
 
@@ -49,7 +50,7 @@ def run_fmu(path: Path, t_end: float, dt: float | None, step: float, wanted: Ite
         ended = Apart(run, limit=LIMIT, memory=MEMORY).wait()
         if complaint := json.loads(ended.sent) if ended.sent else f"its process {ended.words}":
             raise FileError(f"{path}: {complaint}")
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest = hashlib.sha256(read_whole(path)).hexdigest()
         return dataclasses.replace(read_table(out), path=path, sha256=digest)
 
 

@@ -5,6 +5,7 @@ Each column carries the precision it was printed with: a start can be compared w
 
 import hashlib
 import io
+import math
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,6 +15,8 @@ from types import MappingProxyType
 import numpy as np
 
 from ..files import FileError
+from ..places import read_whole
+from ..results.npz import read_npz
 from .modelica import is_result, read_result
 from .text_tables import read_text
 
@@ -34,7 +37,7 @@ class Table:
 def read_table(path: Path, names: tuple[str, ...] = (), renamed: Mapping[str, str] = MappingProxyType({})) -> Table:
     """The table in ``path``, or FileError; ``names`` of a CSV without a header; ``renamed``: our names by theirs."""
     try:
-        content = path.read_bytes()
+        content = read_whole(path)
     except OSError as error:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from None
     suffix = path.suffix.lower()
@@ -53,6 +56,7 @@ def read_table(path: Path, names: tuple[str, ...] = (), renamed: Mapping[str, st
 
 
 Columns = dict[str, np.ndarray]
+MOST = 2**30  # [bytes] of all arrays of a table
 
 
 def _arrays(found: Mapping[str, np.ndarray], renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
@@ -76,21 +80,27 @@ def _arrays(found: Mapping[str, np.ndarray], renamed: Mapping[str, str]) -> tupl
     }
 
 
+def _check_size(size: int) -> None:
+    """ValueError for more unpacked than is read: a small file may hold a long run of one number."""
+    if size > MOST:
+        raise ValueError(f"it unpacks to {size:,} bytes, more than {MOST:,}")
+
+
 def _npz(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
-    with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        return _arrays({k: file[k] for k in file.files}, renamed)
+    return _arrays(read_npz(content, MOST), renamed)
 
 
 def _mat(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
+    from scipy.io import loadmat, whosmat
 
     if content[:10] == b"MATLAB 7.3":
         raise ValueError("MAT files of version 7.3 are not read: save it with save(file, '-v7', ...)")
     try:
-        found = loadmat(io.BytesIO(content))  # type: ignore[arg-type]  # a file, too
-    except (MatReadError, TypeError) as error:
-        raise ValueError(f"not a MAT file of version 7.2 or older: {error}") from None
+        sizes = [8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(content))]  # type: ignore[arg-type]
+        found = loadmat(io.BytesIO(content)) if sum(sizes) <= MOST else {}  # type: ignore[arg-type]  # a file, too
+    except Exception as error:  # damaged ones end in errors of many kinds
+        raise ValueError(f"not a whole MAT file of version 7.2 or older: {error}") from None
+    _check_size(sum(sizes))
     if is_result(found):
         return _arrays(read_result(found), renamed)
     return _arrays({k: a for k, a in found.items() if not k.startswith("__")}, renamed)
@@ -98,7 +108,10 @@ def _mat(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
 
 def _parquet(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
     import pandas as pd
+    from pyarrow import parquet  # type: ignore[import-untyped]
 
+    about = parquet.ParquetFile(io.BytesIO(content)).metadata
+    _check_size(8 * about.num_rows * about.num_columns)
     frame = pd.read_parquet(io.BytesIO(content))
     return _arrays({str(k): frame[k].to_numpy() for k in frame.columns}, renamed)
 

@@ -27,7 +27,7 @@ from ..execution.run import Send, store_outcome
 from ..execution.worker import SOFT
 from ..files import FileError, write_text
 from ..machine import THREADS
-from ..places import Place
+from ..places import Place, read_whole
 from ..reference import orbit
 from ..results import codes, environment, records, store
 from ..results.environment import ROOT
@@ -84,7 +84,7 @@ def read_submission(given: str) -> Submission:
             raise ValueError
     except ValueError:
         raise Refused(f"{given} must be a file that marks one solver and can be imported ({ended.words})") from None
-    return Submission(name, control, str(file), digest_of(file.read_bytes()), bool(fenced))
+    return Submission(name, control, str(file), digest_of(read_whole(file)), bool(fenced))
 
 
 class Blind:

@@ -45,7 +45,7 @@ DAMPED = 10.0  # evaluations of either explicit route over the time 1 / |eigenva
 INVERSE = 1.5e-9  # [s] for the matrices of a step by collocation, of n^3
 CHUNK = 16  # steps of route 2 between two projections
 WINDING = 2.0  # [rad] by which a spring that has left half a turn may wind over a chunk, at the rate of its start
-TRIES = 12  # of a chunk over which springs wind by more than half a turn, each half as long
+TRIES = 12  # of a chunk whose step fails where springs wind by more than half a turn, each shorter than the last
 SHORT = 4  # the same where rows are redundant: those in use, chosen there, may come to depend on each other
 
 

@@ -91,7 +91,7 @@ class Series:
 
     def tail(self, name: str, rows: int) -> np.ndarray:
         """The last ``rows`` values, or as many as are kept."""
-        kept = self.arrays.get(LAST + name, np.zeros(0)) if name in self.envelopes else self.arrays[name]
+        kept = self.arrays.get(LAST + name, np.zeros(0)) if name in self.envelopes else self._rows(name)
         return kept[-rows:]
 
     def names(self, prefix: str) -> list[str]:

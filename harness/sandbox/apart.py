@@ -29,6 +29,10 @@ MAXRSS = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # [MB] unit of ru_m
 ASLEEP = 2.0  # [s] between two looks: more, and it is we who were stopped
 
 
+class NotBegunError(RuntimeError):
+    """A process ended before what it was to run began: nothing is known of that, and nothing is kept."""
+
+
 @dataclass(frozen=True)
 class Ended:
     """How a process ended."""
@@ -154,7 +158,17 @@ class Apart:
             self.kill()
 
     def wait(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
-        """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too."""
+        """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too.
+
+        NotBegunError where its target never began, though nobody ended it.
+        """
+        ended = self.watch(unwanted)
+        if ended.unbegun and not ended.killed:
+            raise NotBegunError(f"a process could not begin its work: {ended.unbegun}")
+        return ended
+
+    def watch(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
+        """As ``wait``, but how it ended where its target never began, too."""
         ended = None
         try:
             while (ended := self.look()) is None:

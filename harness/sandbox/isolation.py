@@ -71,12 +71,12 @@ def fork(
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         os.close(write)
         return pid, read
-    os.setsid()  # a group of its own
-    end_with(parent)
-    if keeper:
-        _keep((read, write))
-    code, begun = 70, False
+    ended, begun = 70, False
     try:
+        os.setsid()  # a group of its own
+        end_with(parent)
+        if keeper:
+            _keep((read, write))
         close_in()
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
@@ -89,15 +89,18 @@ def fork(
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with os.fdopen(write, "w", encoding="utf-8", errors="replace") as pipe:
             target(lambda line: print(line, file=pipe, flush=True))
-        code = 0
+        ended = 0
     except BaseException as error:  # the child must never return into its parent's loop
-        code = CANNOT_WRITE if is_full(error) else code
-        if not begun:
-            os.write(write, f"{type(error).__name__}: {error}\n".encode(errors="replace"))
-        traceback.print_exc()
+        ended = CANNOT_WRITE if is_full(error) else ended
+        with contextlib.suppress(Exception):  # on a full disk nothing can be written
+            if not begun:
+                os.write(write, f"{type(error).__name__}: {error}\n".encode(errors="replace"))
+            traceback.print_exc()
     finally:
-        _flush()
-        os._exit(code)
+        try:
+            _flush()
+        finally:
+            os._exit(ended)
 
 
 def _flush() -> None:

@@ -23,7 +23,7 @@ from .includes import Source, path_of, read_source, source, with_included
 from .shape import Defaults, Group, Names, Tables
 from .spec import RunSpec, make_spec
 
-MOST_RUNS = 200_000  # of a suite: a day on forty cores at a second each, and their list fits into memory
+MOST_RUNS = 200_000  # of a suite: two days and more on a core at a second each, and their list fits into memory
 LIMITS = ("cpu_limit", "memory", "repeats", "min_time", "label")
 CONTROL = ("dt", "rtol", "max_step", "max_steps")
 
@@ -89,6 +89,8 @@ def _collect_specs(
         parts[Path(s.where).resolve()] = frozenset(found).union(*below)
         for settings, spec in found.items():
             specs.setdefault(settings, spec)
+        if len(specs) > MOST_RUNS:
+            raise FileError(f"{own.where}: a suite has at most {MOST_RUNS:,} runs, with those that it includes")
     return specs, {s.name: parts[Path(s.where).resolve()] for s in sources[:-1]}
 
 

@@ -85,8 +85,8 @@ class Trajectory:
             raise ValueError(
                 f"expected one state a time, at least the start (got {t.shape} times, {len(self.states)} states)"
             )
-        if np.any(np.diff(t) <= 0.0):
-            raise ValueError("the times of a trajectory must increase")
+        if not (np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)):
+            raise ValueError("the times of a trajectory must be finite and increase")
         object.__setattr__(self, "states", self.states.with_times(t))
 
 

@@ -36,6 +36,7 @@ class Beginning(NamedTuple):
 Begin = Callable[[Layout, Problem], Beginning]  # at the problem's initial state and its time
 DENSE_BELOW = 40  # unknowns
 ROWS_EVERY = 40  # steps, at the rows kept
+WORN_OUT = (Status.STEP_UNDERFLOW, Status.DIVERGED, Status.SINGULAR)  # failures that rows near dependence cause
 FAILURES = {
     -2: (Status.STEP_UNDERFLOW, "the demanded accuracy is below rounding"),
     -3: (Status.STEP_UNDERFLOW, "the error test failed repeatedly or at the smallest step"),
@@ -72,8 +73,8 @@ def integrate(
             nonlocal last
             try:
                 t, y = pieces[-1].step(problem.t_end)
-            except StepFailure:
-                if not rows.can_rescue(*last):
+            except StepFailure as failure:
+                if failure.status not in WORN_OUT or not rows.can_rescue(*last):
                     raise
                 t, y = pieces[-1].step(problem.t_end)
             at = rows.layout

@@ -42,6 +42,8 @@ class RowsInUse:
         try:
             start = project(at.system, replace(at.chart.states(p, u)[0], t=t))
         except InconsistentStart as error:
+            if every == 1:
+                return False  # the step that failed says why
             raise StepFailure(Status.DIVERGED, f"rows could not be chosen anew: {error}") from None
         self.layout = replace(at, kept=kept)
         self._wear = Wear(self.layout)

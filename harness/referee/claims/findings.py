@@ -52,7 +52,7 @@ def ask_control(
 
 
 def _both_hold(p: Point, q: Point) -> bool:
-    """Whether a setting and its control meet the claim; where one value along ``across`` suffices, with the same one."""
+    """Whether a setting and its control meet the claim; where one value suffices, with the same one."""
     return bool(p.holds and q.holds and (not p.met_at or set(p.met_at) & set(q.met_at)))
 
 

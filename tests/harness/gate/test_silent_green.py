@@ -20,6 +20,7 @@ GOOD = RunRecord(
 LEAVES = {  # a plugin that leaves wherever it is imported, and one that does where it was tried before
     "everywhere": "import os\nos._exit(0)\n",
     "then": "import os\nif os.path.exists('tried'):\n    os._exit(0)\nopen('tried', 'w').close()\n",
+    "at its end": "import atexit, os\natexit.register(os._exit, 0)\n",
 }
 MARKED = '''
 from mbsbench import make_problem, problem
@@ -37,7 +38,9 @@ dt = 0.01
 """
 
 
-@pytest.mark.parametrize(("where", "words"), [("everywhere", "leaves.py"), ("then", "ended before its verdict")])
+@pytest.mark.parametrize(
+    ("where", "words"), [("everywhere", "leaves.py"), ("then", "ended before its verdict"), ("at its end", "")]
+)
 def test_a_plugin_that_leaves_takes_no_verdict_with_it(tmp_path: Path, where: str, words: str) -> None:
     """By os._exit(0), in the process that tries it or only in that which judges: a failure, and files that say so."""
     (tmp_path / "leaves.py").write_text(LEAVES[where] + MARKED)
@@ -51,6 +54,9 @@ def test_a_plugin_that_leaves_takes_no_verdict_with_it(tmp_path: Path, where: st
     )  # fmt: skip
     assert done.returncode != 0
     assert words in done.stderr
+    if where == "at its end":  # it judged, and the plugin cannot turn that into 0
+        assert done.returncode == 1 and "gate CLOSED" in done.stdout
+        return
     assert 'failures="1"' in files["--junit"].read_text() and "not finished" in files["--markdown"].read_text()
 
 

@@ -2,17 +2,20 @@
 
 import errno
 import math
+import os
 import resource
+import time
 from pathlib import Path
 
 import pytest
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.code_meter import HARD
 from mbsbench.harness.execution.pool import MOST_UNBEGUN, LocalPool, PoolError
 from mbsbench.harness.execution.protocol import Done
 from mbsbench.harness.execution.runner import Request, _jobs
 from mbsbench.harness.sandbox import isolation
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.sandbox.apart import Apart, NotBegunError
 from mbsbench.harness.suites.suite import load_suite
 
 SUITE = """[[runs]]
@@ -60,7 +63,9 @@ def test_a_child_that_cannot_be_prepared_says_why(monkeypatch) -> None:
     began = Apart(lambda send: fail(), limit=10.0, memory=1000.0).wait()
     assert began.code == 70 and not began.unbegun
     monkeypatch.setattr(isolation, "limit_process", fail)
-    assert Apart(print, limit=10.0, memory=1000.0).wait().unbegun == "PermissionError: not allowed"
+    assert Apart(print, limit=10.0, memory=1000.0).watch().unbegun == "PermissionError: not allowed"
+    with pytest.raises(NotBegunError, match="could not begin its work: PermissionError: not allowed"):
+        Apart(print, limit=10.0, memory=1000.0).wait()
 
 
 def test_what_a_target_sends_cannot_take_back_that_it_began() -> None:
@@ -104,3 +109,24 @@ def test_a_file_as_large_as_a_limit_from_outside_is_a_full_disk(monkeypatch) -> 
     for most, full in ((isolation.OUTPUT_LIMIT // 2, True), (isolation.OUTPUT_LIMIT, False)):
         monkeypatch.setattr(isolation.resource, "getrlimit", lambda what, most=most: (most, most))
         assert isolation.is_full(error) is full
+
+
+@pytest.mark.parametrize("code", [0.0, 100.0])
+def test_the_time_for_code_is_what_is_asked_for(code: float) -> None:
+    """The system's own limit is that of the solver, of code, and of what the meter leaves."""
+    look = lambda send: send(str(resource.getrlimit(resource.RLIMIT_CPU)[1]))  # noqa: E731
+    found = int(Apart(look, limit=7.0, memory=1e5, code=code).wait().sent)
+    assert 7 + code <= found - time.process_time() <= 7 + code + HARD + 3
+
+
+def test_a_child_on_a_full_disk_never_returns_into_its_parents_loop(tmp_path: Path) -> None:
+    """What it prints fails, and so does its traceback: it ends with the code of a full disk all the same."""
+
+    def fill(send) -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+        while True:
+            os.write(1, b"x" * 1000)
+
+    own = os.getpid()
+    ended = Apart(fill, limit=10.0, memory=1000.0, stderr=tmp_path / "stderr").wait()
+    assert os.getpid() == own and ended.code == isolation.CANNOT_WRITE and not ended.unbegun

@@ -348,5 +348,5 @@ def test_a_suite_is_a_file(tmp_path, kind: str) -> None:
     whole = tmp_path / "whole.toml"
     whole.write_text('include = ["odd.toml"]\n')
     for named in (place, whole):
-        with pytest.raises(FileError, match=f"it is a {kind}, not a file|{kind}"):
+        with pytest.raises(FileError, match=rf"cannot read suite .*: (it is a {kind}, not a file|Is a directory)"):
             load_suite(str(named))
