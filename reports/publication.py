@@ -30,7 +30,7 @@ HEAT = (
 )
 MOST = 14  # lines in one figure; more are parted by solver
 LEAST = 2  # runs of a problem: with fewer there is nothing to compare
-MAP = 2 * MOST  # runs of one label: with more it is a map of settings, for tables and work alone
+MAP = 3 * MOST  # runs of one label, as many as solvers and engines once: more are a map, for tables and work alone
 ALONE = {"energy": ("energy",), "constraints": ("phi", "phi-dot"), "step": ("step",)}  # figures of one column
 WORK = (
     "Lower and further left is better. Lines join the steps or tolerances of the same settings; a run that stopped "
