@@ -64,8 +64,12 @@ class Inner:
 
 
 def inner(function: Callable[..., Any]) -> Any:
-    """Mark a function that is compiled into its callers."""
-    return Inner(function, {"forceinline": True})
+    """Mark a function that is compiled into its callers, each operation rounded.
+
+    Said so, for numba compiles it once and would else take over what the first caller has: rounding would depend on
+    the order in which functions are compiled.
+    """
+    return Inner(function, {"forceinline": True, "fastmath": False})
 
 
 def inner_fused(function: Callable[..., Any]) -> Any:
@@ -74,8 +78,8 @@ def inner_fused(function: Callable[..., Any]) -> Any:
 
 
 def apart(function: Callable[..., Any]) -> Any:
-    """A function that stays one where it is called from more than one place."""
-    return Inner(function, {})
+    """Mark a function that stays one where it is called from more than one place."""
+    return Inner(function, {"fastmath": False})
 
 
 def run(entry: int) -> None:
