@@ -1,11 +1,15 @@
 """Compiled functions of bundles: what they raise, what they are given, what a kept mechanism is named by."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
-from mbsbench.solvers.formulations.compiled import entries, numba_code
+from mbsbench.solvers.formulations.compiled import algebra, entries, numba_code
 from mbsbench.solvers.formulations.compiled.entries import Bound
 from mbsbench.solvers.formulations.generated import code
 
@@ -49,3 +53,32 @@ def test_another_version_of_numba_compiles_the_same(monkeypatch, tmp_path):
     pair = Pair(np.array([4.0]), np.zeros(1))
     Bound(take_root, pair)()
     assert pair.y[0] == 2.0 and not seen and numba_code.CPUCodeLibrary._optimize_final_module is own
+
+
+SOLVE = """
+import sys, mbsbench
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench import StepControl
+found = make_solver(sys.argv[1]).solve(make_problem("spherical_pendulum", {"t_end": 0.5}), StepControl(dt=0.02))
+print(found.states.r.tobytes().hex(), found.states.R.tobytes().hex())
+"""
+
+
+def solve_with(cache: Path, solver: str) -> bytes:
+    """The bits of a motion, by a process of its own that keeps code in ``cache``."""
+    given = {**os.environ, "MBSBENCH_CACHE": str(cache)}
+    command = [sys.executable, "-c", SOLVE, solver]
+    return subprocess.run(command, env=given, capture_output=True, check=True).stdout
+
+
+def test_rounding_does_not_depend_on_what_is_compiled_first(tmp_path):
+    """numba compiles what is called once, and would hand it the flags of its first caller: here, or not, the factor."""
+    alone = solve_with(tmp_path / "alone", "gc_weak_form")
+    solve_with(tmp_path / "after", "rattle")  # which leaves the factor
+    assert solve_with(tmp_path / "after", "gc_weak_form") == alone
+
+
+def test_every_function_says_how_it_rounds():
+    """What says nothing takes over what its first caller has."""
+    of_kernels = [entries.OPTIONS_OF[f.function] for f in vars(algebra).values() if isinstance(f, entries.Inner)]
+    assert len(of_kernels) > 5 and all("'fastmath'" in options for options in entries.OPTIONS_OF.values())
