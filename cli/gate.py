@@ -51,22 +51,12 @@ COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#",
 
 def run(arguments: argparse.Namespace) -> int:
     """Judge the runs, or propose thresholds; return 1 if the gate is closed, else 0."""
+    _check_call(arguments)
     for file, words in ((arguments.junit, JUNIT_BEGUN), (arguments.markdown, MARKDOWN_BEGUN)):
         if file:
-            write_text(
-                file, words
-            )  # before anything foreign is loaded: no earlier verdict, and none of a gate cut short
-    arguments.results = arguments.results and find_results(arguments.results)
-    if arguments.any_code and not arguments.results:
-        raise UsageError("--any-code needs --results; a suite that is run now is of this code")
+            write_text(file, words)  # before anything foreign is loaded: a gate cut short has no verdict
     suite = _files(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
-    for name in ("junit", "markdown", "json", "loosen", "write", "spread"):
-        needs = name in ("loosen", "write", "spread")
-        if getattr(arguments, name) not in (None, False) and arguments.update is not needs:
-            raise UsageError(f"--{name} {'needs' if needs else 'cannot be combined with'} --update")
-    if arguments.without and arguments.update:
-        raise UsageError("--without cannot be combined with --update, which leaves unmeasured runs as they are")
     if arguments.spread is not None and (arguments.spread < 1 or arguments.loosen or suite.name == REFEREED):
         raise UsageError("--spread takes a number of repeats from 1, of runs of a suite, without --loosen")
     if arguments.update:
@@ -109,6 +99,19 @@ def run(arguments: argparse.Namespace) -> int:
     with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
         write_rows(store.LOCAL / GATES / f"{name}.jsonl", make_rows(name, stamp, judged, worst))
     return 0 if result.is_open else 1
+
+
+def _check_call(arguments: argparse.Namespace) -> None:
+    """Raise UsageError for options that do not go together, before anything is read."""
+    arguments.results = arguments.results and find_results(arguments.results)
+    if arguments.any_code and not arguments.results:
+        raise UsageError("--any-code needs --results; a suite that is run now is of this code")
+    for name in ("junit", "markdown", "json", "loosen", "write", "spread"):
+        needs = name in ("loosen", "write", "spread")
+        if getattr(arguments, name) not in (None, False) and arguments.update is not needs:
+            raise UsageError(f"--{name} {'needs' if needs else 'cannot be combined with'} --update")
+    if arguments.without and arguments.update:
+        raise UsageError("--without cannot be combined with --update, which leaves unmeasured runs as they are")
 
 
 def _files(arguments: argparse.Namespace) -> Suite | None:

@@ -15,7 +15,7 @@ from mbsbench.harness.results import environment
 from mbsbench.harness.results.environment import ROOT
 
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
-LARGEST = 2_000_000  # bytes of a wheel
+LARGEST = 3_000_000  # [bytes]: every row of every claim is in it
 PARTS = ("cli", "harness", "problems", "solvers", "reports")
 
 
@@ -45,7 +45,7 @@ def _data() -> list[Path]:
     return [f for f in [*files, ROOT / "requirements.lock"] if f.exists() and f not in left_out]
 
 
-def test_the_wheel_stays_below_2_MB():
+def test_the_wheel_stays_below_3_MB():
     """Modules and data, compressed as in a wheel; its own files add a few percent, which the slow test counts."""
     files = [*_data(), *(p for part in PARTS for p in (ROOT / part).rglob("*.py"))]
     assert sum(len(zlib.compress(f.read_bytes())) for f in files) < 0.95 * LARGEST

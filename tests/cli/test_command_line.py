@@ -262,7 +262,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
 
 
 def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, capsys, monkeypatch):
-    """Runs that cannot be run, a gate interrupted: no file of an earlier, open gate is left for CI to read."""
+    """Runs that cannot be run, a gate interrupted: files for CI say that it is not finished, not what an earlier one found."""
     from mbsbench.harness.execution.pool import PoolError
 
     monkeypatch.chdir(tmp_path)
@@ -279,7 +279,10 @@ def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, caps
         monkeypatch.setattr("mbsbench.cli.gate.run_watched", ended)
         assert main([*line, "--junit", "gate.xml", "--markdown", "gate.md"]) == code
         assert words in capsys.readouterr().err
-        assert not (tmp_path / "gate.xml").exists() and not (tmp_path / "gate.md").exists()
+        assert (
+            'failures="1"' in (tmp_path / "gate.xml").read_text()
+            and "not finished" in (tmp_path / "gate.md").read_text()
+        )
 
 
 def test_files_that_cannot_be_used_are_reported_in_one_line(tmp_path, capsys, monkeypatch):

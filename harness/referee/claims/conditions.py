@@ -78,7 +78,8 @@ def decide_along(name: str, met: Sequence[Any], tried: Sequence[Any]) -> Decisio
     if len(values) <= MOST_VALUES:
         return Decision({name: tuple(values)})
     runs: list[list[Any]] = []
-    for before, v in zip([None, *tried], tried, strict=False):
+    ordered = values_of(tried)
+    for before, v in zip([None, *ordered], ordered, strict=False):
         if v in values:
             runs[-1].append(v) if runs and runs[-1][-1] == before else runs.append([v])
     return Decision({name: tuple(f"{r[0]:g} to {r[-1]:g}" if len(r) > 1 else f"{r[0]:g}" for r in runs)})

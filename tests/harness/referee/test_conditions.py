@@ -146,8 +146,8 @@ def test_values_that_suffice_cover_what_holds():
 
 
 def test_values_along_a_dimension_are_named_one_by_one_or_by_their_range():
-    """Three of them, a run of neighbours, and scattered ones, which are counted."""
+    """Three of them, a run of neighbours, and scattered ones, each run of neighbours for itself."""
     tried = [10.0**-k for k in range(1, 9)]
     assert decide_along("tolerance", [1e-2, 1e-4], tried).by == {"tolerance": (1e-4, 1e-2)}
     assert decide_along("tolerance", tried[:5], tried).by == {"tolerance": ("1e-05 to 0.1",)}
-    assert decide_along("tolerance", [*tried[:4], tried[7]], tried).by == {"tolerance": ("one of 5 from 1e-08 to 0.1",)}
+    assert decide_along("tolerance", [*tried[:4], tried[7]], tried).by == {"tolerance": ("1e-08", "0.0001 to 0.1")}

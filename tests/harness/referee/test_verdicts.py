@@ -118,7 +118,7 @@ def test_one_tolerance_that_meets_all_tests_suffices():
     c = claim(text, [both(x) for x in RUNS])
     assert c.verdict == "reproduced if" and "holds for 2 of 4 tried" in because(c)
     assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in because(c)
-    assert "It holds with chart euler313 always" in because(c)
+    assert "chart euler313 and tolerance 0.0001" in because(c)
     (row,) = {(r.case.split()[2], r.measured) for r in c.map if r.holds}
     assert row == ("rtol=0.0001", 0.5)
 
