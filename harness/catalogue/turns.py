@@ -34,6 +34,8 @@ def counts_turns(solve: Solve) -> Solve:
     @functools.wraps(solve)
     def whole(self: Any, problem: Problem, control: StepControl) -> Trajectory:
         found = solve(self, problem, control)
+        if not isinstance(found, Trajectory):  # its caller says so
+            return found
         right = _count_right(problem.system, found)
         if right == len(found.t):
             return found

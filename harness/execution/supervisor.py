@@ -25,7 +25,7 @@ from ..sandbox.apart import Ended, NotBegunError
 from ..sandbox.isolation import adopt_orphans, end_orphans, shut_out, trim
 from .job import Job
 from .protocol import CodeTime, Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
-from .run import Run, run_and_store, store_outcome, words_of
+from .run import SOLVING, Run, run_and_store, store_outcome, words_of
 from .warmup import prepare
 
 POLL = 0.1  # [s]
@@ -101,7 +101,7 @@ def outcome_of(run: Run, ended: Ended) -> tuple[RunRecord, bool]:
     try:
         return run.outcome(ended)
     except FileError:
-        return run.outcome(dataclasses.replace(ended, sent=""))
+        return run.outcome(dataclasses.replace(ended, sent=f"{SOLVING} 1\n"))  # it began, or it could not have written
 
 
 def serve(orders: int, news: int) -> None:

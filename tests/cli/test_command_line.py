@@ -262,7 +262,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
 
 
 def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, capsys, monkeypatch):
-    """Runs that cannot be run, a gate interrupted: files for CI say that it is not finished, not what an earlier one found."""
+    """Runs that cannot be run, a gate interrupted: files for CI say that it is not finished."""
     from mbsbench.harness.execution.pool import PoolError
 
     monkeypatch.chdir(tmp_path)
