@@ -193,7 +193,7 @@ ELSEWHERE = {
     "cli/shadow.py": ("is_file", "a file that the user named"),
     "cli/check.py": ("glob is_file", "a plugin, and the names beside it"),
     "cli/export.py": ("write_text", "a file that the user named"),
-    "cli/gate.py": ("exists is_file is_symlink read_text unlink write_text", "files that the user named"),
+    "cli/gate.py": ("exists read_text write_text", "files that the user named"),
     "cli/judge.py": ("mkdir", "the folder of published verdicts, that the user named"),
     "cli/report.py": ("mkdir", "the folder of a comparison, that the user named"),
     "cli/arguments.py": ("is_dir open unlink", "the folder of a file that the user named"),
