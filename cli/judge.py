@@ -10,6 +10,7 @@ from rich.text import Text
 from ..harness.execution.costs import describe_command
 from ..harness.places import Place
 from ..harness.referee import judge as judging
+from ..harness.referee.carried import is_of_this_code
 from ..harness.referee.certificates.orders import select_motion
 from ..harness.referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..harness.referee.currency import code_now, describe_older, find_older_runs
@@ -62,7 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
         _require_runs(
             folder, judging.select_needed(register), "that the claims are tried on", ", or judge these: --partial"
         )
-    if old := find_older_runs(loaded.records, [str(p) for p in stamp_of(folder).get("plugins") or ()]):
+    older = find_older_runs(loaded.records, [str(p) for p in stamp_of(folder).get("plugins") or ()])
+    if old := [r for r in older if not is_of_this_code(r.problem, r.solver, r.code)]:
         raise UsageError(describe_older(old, str(folder)))
     before = None if arguments.publish else read_claims(published)
     if before is None and arguments.published and not arguments.publish:

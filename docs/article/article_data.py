@@ -26,7 +26,7 @@ from mbsbench.harness.results.judgements.files import (
 )
 from mbsbench.harness.results.judgements.runs import Drift, WorkPoint
 from mbsbench.reports.model.catalogue import is_engine
-from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured, tried
+from mbsbench.reports.model.claim_words import FACTOR, condition, format_measured, quantify
 from mbsbench.reports.model.frontier import least
 from mbsbench.reports.model.words import number, plural
 from mbsbench.reports.plots.paper import DOUBLE, INK, SINGLE, sheet
@@ -126,7 +126,7 @@ def beside(name: str) -> str:
     c = claim(name).control
     if c is None or not c.finding.settings:
         return ""
-    return in_words(f" ({' and '.join(c.solvers)} beside it: {tried(c.finding)})")
+    return in_words(f" ({' and '.join(c.solvers)} beside it: {quantify(c.finding)})")
 
 
 def where(name: str, side: str = "paper", **at: str) -> Condition:

@@ -116,8 +116,8 @@ def control(c: judged.Claim) -> str:
     if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
         return f"{beside} settles nothing"
     if not f.holds:
-        return f"{beside} does not ({tried(f)})"
-    found = f"{beside} does so too ({tried(f)}{_met(f)})"
+        return f"{beside} does not ({quantify(f)})"
+    found = f"{beside} does so too ({quantify(f)}{_met(f)})"
     if not c.control.both:
         return f"{found}, but in no setting where the claim holds"
     where = f"in {plural(c.control.both, 'setting')} where the claim holds"
@@ -172,14 +172,14 @@ def share(f: judged.Finding | None) -> str:
     if f is None or not f.settings:
         return ""
     flips = dict.fromkeys(f"{m.verdict}, {m.holds} of {m.settings}" for m in f.borderline)
-    return f"for {tried(f)}{_met(f)}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
+    return f"for {quantify(f)}{_met(f)}" + (f" (borderline: {'; '.join(flips)})" if flips else "")
 
 
 def _met(f: judged.Finding) -> str:
     return f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
 
 
-def tried(f: judged.Finding) -> str:
+def quantify(f: judged.Finding) -> str:
     """``all 4 tried``, ``none of 34 tried``, ``39 of 76 tried``: the quantifier, the same for both sides."""
     if f.holds == f.settings:
         return "the one tried" if f.settings == 1 else f"all {f.settings} tried"
@@ -194,7 +194,7 @@ def distinct(f: judged.Finding) -> str:
 def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[str]:
     out = []
     if f.settings:
-        out.append(f"{where} it holds for {tried(f)}")
+        out.append(f"{where} it holds for {quantify(f)}")
         out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
         out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
     out += map(_missing, f.missing)

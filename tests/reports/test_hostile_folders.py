@@ -63,12 +63,11 @@ def put_link(place: Path, target: Path) -> None:
 
 
 def refused(arguments, capsys, place: str) -> None:
-    """Exit code 2 and one line that names the place and what it is."""
+    """Exit code 2, and a last line that names the place and what it is."""
     assert main(list(arguments)) == 2
     said = capsys.readouterr()
-    (line,) = [
-        x for x in said.err.splitlines() if "pages of" not in x and "to be judged" not in x and "judging:" not in x
-    ]
+    *before, line = said.err.splitlines()
+    assert not any("error" in words for words in before)  # what the command would do, and how long
     assert place in line and "it is a link" in line, line
     assert "secret" not in said.out + said.err
 

@@ -55,3 +55,4 @@ def test_gravity_damps_no_row_and_every_row_has_inertia():
     for problem in ("spherical_pendulum", "chain", "heavy_top"):
         assert evaluate("eq 32", record(problem), None, {"of": "damping"}) == pytest.approx(0.0, abs=1e-9)
         assert evaluate("eq 32", record(problem), None, {"of": "inertia"}) > 0.0
+    assert evaluate("eq 32", record("damped_linkage"), None, {"of": "damping"}) > 1e-9

@@ -78,6 +78,17 @@ def test_judging_writes_files_and_publishing_compares(made, tmp_path, capsys):
     assert call("--publish") == 0 and call() == 0
 
 
+@pytest.mark.parametrize(("equal", "code"), [(True, 0), (False, 2)])
+def test_runs_of_earlier_code_are_judged_where_they_are_carried_over(made, monkeypatch, capsys, equal, code):
+    """Their bits are those of this code; of any other code they are made anew."""
+    write, call, _ = made
+    write(0.5)
+    monkeypatch.setattr(command, "find_older_runs", lambda records, _: tuple(records))
+    monkeypatch.setattr(command, "is_of_this_code", lambda *_: equal)
+    assert call() == code
+    assert ("are older than the code of" in capsys.readouterr().err) is not equal
+
+
 def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
     """Of two codes the later counts, in every judgement; a later crash does not replace a success."""
     _, _, register = made
