@@ -236,7 +236,8 @@ def test_who_says_that_it_makes_code_without_end_is_ended(how):
 
     began = time.monotonic()
     ended = Apart(target, limit=0.2, memory=500.0, code=1.0, wall=math.inf if how == "computes" else 1.0).wait()
-    assert ended.killed and ended.over == {"computes": "code", "sleeps": "wall"}[how]
+    assert ended.killed or ended.code == -signal.SIGXCPU  # the system keeps the same limit, and may be first
+    assert ended.over == {"computes": "code", "sleeps": "wall"}[how]
     assert time.monotonic() - began < 40.0 and ended.cpu < 5.0
 
 
