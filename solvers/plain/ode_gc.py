@@ -1,6 +1,7 @@
 """ODE-GC: the three-field weak form with geometrically consistent steps, Natsiavas, Passas, Paraskevopoulos (2022).
 
-Sect. 4.2, Eqs. (61) to (81), and the loop of Sect. 4.3, Eqs. (84), (85). A step goes from node m (suffix 0) to m + 1 (suffix 1)::
+Sect. 4.2, Eqs. (61) to (81), and the loop of Sect. 4.3, Eqs. (84), (85). A step goes from node m (suffix 0) to m + 1
+(suffix 1)::
 
     (66)  q1 = q0 o exp(dt/2 (v0 + v1))                autoparallels of SO(3): rotations about a fixed axis
     (67)  lam1 = lam0 + dt/2 (mu0 + mu1)
@@ -8,11 +9,11 @@ Sect. 4.2, Eqs. (61) to (81), and the loop of Sect. 4.3, Eqs. (84), (85). A step
     (71)  L = f + A^T (C_bar mu + K_bar lam - f_bar) - B^T M_bar mu
     (75)  [M_bar phi_dot]_0^1 + dt/2 ((C_bar phi_dot + K_bar phi)_0 + (...)_1) = 0
 
-with the operator script-A (body to space) written into D = script-A A^T, D_dot = script-A B^T. Unknown are v1 and
-nu1 = M_bar mu1. Options are what the paper leaves open: c_R of (31), mu0, the first estimate of a step, the iterate that
-ends it, the tolerance; and two choices beside the printed ones, which carry mu and sigma from step to step: with C_bar =
-K_bar = 0 only increments of mu act, so a step may begin at mu = 0 (gauge zero), or at minus the mu of its end (gauge
-symmetric, which makes it reversible); and sigma may begin at 0, which asks for phi_dot = 0 at the end.
+with the operator script-A (body to space) written into D = script-A A^T, D_dot = script-A B^T. Unknown are v1 and nu1
+= M_bar mu1. Options are what the paper leaves open: c_R of (31), mu0, the first estimate of a step, the iterate that
+ends it, the tolerance; and two choices beside the printed ones, which carry mu and sigma from step to step: with
+C_bar = K_bar = 0 only increments of mu act, so a step may begin at mu = 0 (gauge zero), or at minus the mu of its end
+(gauge symmetric, which makes it reversible); and sigma may begin at 0, which asks for phi_dot = 0 at the end.
 """
 
 from typing import Any, NamedTuple
@@ -73,10 +74,11 @@ class Estimate(NamedTuple):
 class Step:
     """The steps of one problem.
 
-    ``choices`` are the options of ``solvers.gc_weak_form`` or ``solvers.gc_augmented_lagrangian``; ``settings`` what
-    they come to here: ``keep_nu``, ``carry_sigma`` whether mu and sigma are carried on (as printed: yes), ``gauge`` -1 of
-    the symmetric gauge, else 0, ``corrective`` whether C_bar or K_bar is not zero, ``by_forces`` by Eq. (32), ``active``
-    Sect. 4.3, ``tolerance`` of (80), (81), ``accept`` of (81) where the loop of Sect. 4.3 runs out of rounds [sqrt(J)].
+    ``choices`` are the options of ``solvers.gc_weak_form`` or ``solvers.gc_augmented_lagrangian``; ``settings``
+    what they come to here: ``keep_nu``, ``carry_sigma`` whether mu and sigma are carried on (as printed: yes),
+    ``gauge`` -1 of the symmetric gauge, else 0, ``corrective`` whether C_bar or K_bar is not zero, ``by_forces`` by
+    Eq. (32), ``active`` Sect. 4.3, ``tolerance`` of (80), (81), ``accept`` of (81) where the loop of Sect. 4.3 runs
+    out of rounds [sqrt(J)].
     """
 
     def __init__(self, problem: Problem, choices: Any, settings: Any) -> None:
