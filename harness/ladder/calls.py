@@ -60,7 +60,7 @@ def _refusals() -> Iterator[Refusal]:
         yield Refusal(name)
     for name in OF_OTHERS:
         yield Refusal(name, errno.EPERM, ((0, NOT_EQUAL, 0, 0),))
-    for name, own in (("setpriority", 0), ("ioprio_set", 1)):  # kind and number: of this process, not of a user or group
+    for name, own in (("setpriority", 0), ("ioprio_set", 1)):  # what kind of process, then which
         yield Refusal(name, errno.EPERM, ((0, NOT_EQUAL, own, 0),))
         yield Refusal(name, errno.EPERM, ((1, NOT_EQUAL, 0, 0),))
     for number in UNKNOWN:

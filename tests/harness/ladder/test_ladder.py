@@ -105,5 +105,9 @@ def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
     page = (tmp_path / "index.html").read_text()
     assert "&lt;ours&gt;" in page and "good.zip" in page and "<ours>" not in page
     assert main(["ladder", str(tmp_path)]) == 1  # neither holds all instances of the ladder
-    assert "removed" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "removed" in said and "trial: " in said
+    assert main(["ladder", str(tmp_path), "--json"]) == 1
+    plain = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(p["rank"], p["trial"]) for p in plain] == [(None, True)] * 2
     assert main(["ladder", str(tmp_path / "runs")]) == 2
