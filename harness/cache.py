@@ -61,7 +61,7 @@ def cache_folder(name: str, in_checkout: Path) -> Path:
         if not why:
             return folder
         if sys.stderr is not None:
-            print(f"warning: the cache {why}: it is not used; remove it", file=sys.stderr)
+            sys.stderr.write(f"warning: the cache {why}: it is not used; remove it\n")
     private = _private_folder()
     os.environ[CHOSEN] = str(private)
     _make_private(private / name, private)

@@ -115,7 +115,9 @@ def cut_short(job: Job, by: EndedBy, **columns: Any) -> RunRecord:
 
 def record_unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
     """The record of a process that left none; ``by`` and ``limit`` [s] say why it was killed, if it was."""
-    if ended.over in ("cpu", "code") and by is EndedBy.WALL_LIMIT:
+    if ended.over == "memory" and by is EndedBy.WALL_LIMIT:
+        by, limit = EndedBy.MEMORY_LIMIT, math.nan
+    elif ended.over in ("cpu", "code") and by is EndedBy.WALL_LIMIT:
         by, limit = (EndedBy.CPU_LIMIT, math.nan) if ended.over == "cpu" else (EndedBy.CODE_LIMIT, CODE_LIMIT)
     if not ended.killed:
         limit = math.nan

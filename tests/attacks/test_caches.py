@@ -157,7 +157,7 @@ def test_a_planted_pickle_is_not_read(tmp_path, kind):
 
 
 def test_a_shared_cache_does_not_run_planted_code(tmp_path):
-    """The whole way: a callback is compiled in a checkout whose cache others can write to, and what they put is left."""
+    """The whole way: a callback is compiled where others can write to the cache, and what they put there is left."""
     mark = tmp_path / "mark"
     given = {**os.environ, cache.CHOSEN: str(tmp_path / "kept"), "TMPDIR": str(tmp_path)}
 
