@@ -34,7 +34,8 @@ LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
 LOCK = ".lock"  # held by the one command that makes runs
 OTHERS = (
-    LOCK, ".spool", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "shadows.json", "suite.toml",
+    LOCK, ".spool", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "shadows.json",
+    "suite.toml",
 )  # fmt: skip
 IN_PART = {part: re.compile(rf"{part}/[\w-][\w.-]*") for part in ("series", "stderr")}
 SCHEMA_IN_FILE = re.compile(rb'\\"schema\\": (\d{1,9})\b')  # of a record inside its file

@@ -52,17 +52,26 @@ def later(harm, pattern):
     return folders, Harmed
 
 
-@pytest.mark.parametrize("harm", [flip, append, remove, link])
 @pytest.mark.parametrize(
-    ("pattern", "said"),
-    [("series/*", "1 of 2 results"), ("runs/*.json", "1 of 2 results"), ("environment.json", "environment.json in"),
-     ("environment.?*.json", "in .* is gone, or not as written"), ("suite.toml", "suite.toml in")],
-)  # fmt: skip
-def test_a_change_during_a_suite_ends_it_with_an_error(tmp_path, harm, pattern, said):
+    ("pattern", "harm", "said"),
+    [
+        ("series/*", flip, "1 of 2 results"),
+        ("series/*", remove, "1 of 2 results"),
+        ("series/*", link, "1 of 2 results"),
+        ("runs/*.json", flip, "1 of 2 results"),
+        ("runs/*.json", remove, "1 of 2 results"),
+        ("environment.json", append, "environment.json in"),
+        ("environment.json", remove, "environment.json in"),
+        ("environment.?*.json", flip, "in .* is gone, or not as written"),
+        ("suite.toml", append, "suite.toml in"),
+        ("suite.toml", link, "it is a link"),
+    ],
+)
+def test_a_change_during_a_suite_ends_it_with_an_error(tmp_path, pattern, harm, said):
     """Counted and said; the results of both runs would else be as good as done."""
     folders, pool = later(harm, pattern)
     folders.append(tmp_path / "run")
-    with pytest.raises((PoolError, OSError), match=f"{said}|it is a link"):
+    with pytest.raises((PoolError, OSError), match=said):
         run_in(tmp_path / "run", SUITE, pool=pool, plugins=())
 
 
