@@ -60,11 +60,14 @@ def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
 def _leave_memory_behind() -> bool:
     """Share no memory of System V with processes before or after this one, and lose root's rights; False where not."""
     user, group = os.getuid(), os.getgid()
-    done = bool(ctypes.CDLL(None).unshare(NEW_USERS_AND_IPC) == 0)
-    if done:
+    if ctypes.CDLL(None).unshare(NEW_USERS_AND_IPC):
+        return False
+    try:
         for name, line in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
             Path(f"/proc/self/{name}").write_text(line, encoding="ascii")
-    return done
+    except OSError:  # a process whose memory is shut, or a system that gives no rights in a namespace
+        return False
+    return True
 
 
 def _all_but(hidden: Sequence[Path], folder: Path) -> Iterator[Path]:

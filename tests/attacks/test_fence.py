@@ -10,10 +10,13 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import casadi
+import numba
 import pytest
 
 from mbsbench.harness.ladder import calls, fence
@@ -89,6 +92,11 @@ def trace(t: Targets) -> None:
     native(SYSTEM.ptrace(16, t.process, None, None))  # PTRACE_ATTACH: it is let go when we end
 
 
+def twice(x: float) -> float:
+    """Compiled by numba."""
+    return 2.0 * x
+
+
 ATTACKS: dict[str, Callable[[Targets], object]] = {
     "TCP": connect(socket.SOCK_STREAM, 0),
     "MPTCP": connect(socket.SOCK_STREAM, MPTCP),
@@ -123,6 +131,8 @@ OWN: dict[str, Callable[[Path], object]] = {  # what honest code does
     "its own priority": lambda folder: os.setpriority(os.PRIO_PROCESS, 0, os.getpriority(os.PRIO_PROCESS, 0)),
     "its own limits": lambda folder: resource.setrlimit(resource.RLIMIT_CORE, (0, 0)),
     "a file in its folder": lambda folder: (folder / "x").write_text("1") and (folder / "x").rename(folder / "y"),
+    "a function that numba keeps": lambda folder: numba.njit(cache=True)(twice)(1.0),
+    "CasADi": lambda folder: casadi.Function("f", [x := casadi.SX.sym("x")], [2.0 * x])(1.0),
     "a child": lambda folder: subprocess.run((sys.executable, "-c", ""), check=True),
 }
 
@@ -153,11 +163,16 @@ def targets(tmp_path):
             one.close()
 
 
-def attempt(tmp_path, attack, *, fenced=True):
+def attempt(tmp_path, attack, *, fenced=True, user=0):
     """``fenced`` or not as the fence says, and how the attack ended: "done" or an error's name."""
     (tmp_path / "own").mkdir()
 
     def work(send):
+        if user:
+            os.chown(tmp_path / "own", user, user)
+            os.setgroups([])
+            os.setgid(user)
+            os.setuid(user)
         kept = shut_in(tmp_path / "own") if fenced else False
         try:
             attack()
@@ -201,6 +216,23 @@ def unclosed(fork):
             isolation.close_in = before
 
     return begin
+
+
+def test_an_ordinary_user_is_kept_in_too(tmp_path):
+    """Without root's rights, and where no namespace is to be had."""
+    if os.getuid():
+        pytest.skip("only root can become another user")
+    if not attempt(tmp_path, lambda: None)[0]:
+        pytest.skip("this system cannot fence (landlock of Linux 6.12, libseccomp.so.2)")
+
+    def change():
+        Path("file").write_text("its own")  # in its folder, where it works
+        Path("file").chmod(0o600)
+
+    with tempfile.TemporaryDirectory() as place:  # for all to enter, other than those of tests
+        os.chmod(place, 0o755)
+        kept, how = attempt(Path(place), change, user=65534)
+        assert kept and how.startswith("PermissionError") and (Path(place) / "own" / "file").exists(), how
 
 
 @pytest.mark.parametrize("what", OWN)
