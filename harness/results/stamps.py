@@ -56,7 +56,7 @@ def has_its_series(folder: Path, record: RunRecord) -> bool:
         return True
     try:
         with (Place(folder) / record.series).open_file() as file:
-            return hashlib.file_digest(file, "sha256").hexdigest() == record.series_sha256
+            return hashlib.file_digest(file, "sha256").hexdigest() == record.series_sha256  # type: ignore[arg-type]
     except OSError:
         return False
 
