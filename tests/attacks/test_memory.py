@@ -12,8 +12,9 @@ from multiprocessing.shared_memory import SharedMemory
 
 import pytest
 
+from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.sandbox import isolation
-from mbsbench.harness.sandbox.apart import Apart
+from mbsbench.harness.sandbox.apart import Apart, Ended
 
 from ..harness.conftest import run_in
 
@@ -53,12 +54,11 @@ def fill(buffer, size=PIECE):
         buffer[at] = 1
 
 
-def in_children(target, count):
-    """Fork as many, and wait until they are killed."""
-    for _ in range(count):
+def in_children(target):
+    """Fork one a piece, and wait until all are killed."""
+    for _ in range(PIECES):
         if os.fork() == 0:
             target()
-            time.sleep(30.0)
             os._exit(0)
     time.sleep(30.0)
 
@@ -92,8 +92,16 @@ def share_unnamed():
     time.sleep(30.0)
 
 
+def hold_its_own():
+    """As much as a piece, until it is killed."""
+    held = bytearray(PIECE)
+    fill(held)
+    time.sleep(30.0)
+    return held
+
+
 def children_of_their_own():
-    in_children(lambda: fill(bytearray(PIECE)), PIECES)
+    in_children(hold_its_own)
 
 
 def children_in_sessions():
@@ -102,20 +110,10 @@ def children_in_sessions():
     def leave():
         os.setsid()
         if os.fork() == 0:
-            fill(held := bytearray(PIECE))
-            time.sleep(30.0)
-            del held
+            hold_its_own()
         os._exit(0)
 
-    in_children(leave, PIECES)
-
-
-def held_by_children(make):
-    def work():
-        held = make()
-        in_children(lambda: held[0], PIECES)
-
-    return work
+    in_children(leave)
 
 
 ATTACKS = (share_anonymous, share_named, share_unnamed, children_of_their_own, children_in_sessions)
@@ -171,4 +169,21 @@ def test_a_run_that_shares_too_much_has_the_status_of_memory(tmp_path):
     loaded, _ = run_in(tmp_path / "run", SUITE, plugins=(plugin,))
     found = {r.solver: r for r in loaded.records}
     assert (found["shares"].status, found["shares"].ended_by) == ("memory", "memory_limit")
+    words = words_of_ending(found["shares"])
+    assert "with all that it started, more than its limit of 120 MB" in words and "\n" not in words
     assert found["shares"].peak_memory_MB > LIMIT and found["honest"].status == "success"
+
+
+@pytest.mark.parametrize(
+    ("ended", "words"),
+    [
+        (Ended(-signal.SIGXCPU, False, "", 0.0), "timed out after 30 s"),
+        (Ended(-signal.SIGKILL, True, "", 0.0, over="cpu"), "timed out after 30 s"),
+        (Ended(-signal.SIGKILL, True, "", 0.0, over="memory"), "took more than 100 MB"),
+        (Ended(-signal.SIGKILL, False, "", 0.0), ""),
+        (Ended(0, False, "", 0.0), ""),
+    ],
+)
+def test_the_end_at_a_limit_has_one_name(ended, words):
+    """Whoever kept the limit, this process or the system."""
+    assert ended.describe_limit(30.0, 100.0) == words and ended.at_limit == bool(words)
