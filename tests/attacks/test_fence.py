@@ -92,6 +92,16 @@ def trace(t: Targets) -> None:
     native(SYSTEM.ptrace(16, t.process, None, None))  # PTRACE_ATTACH: it is let go when we end
 
 
+def share_memory(t: Targets) -> None:
+    native(made := SYSTEM.shmget(0, 4096, 0o1600))
+    SYSTEM.shmctl(made, 0, None)  # it would outlive us
+
+
+def share_queue(t: Targets) -> None:
+    native(made := SYSTEM.msgget(0, 0o1600))
+    SYSTEM.msgctl(made, 0, None)
+
+
 def twice(x: float) -> float:
     """Compiled by numba."""
     return 2.0 * x
@@ -123,7 +133,8 @@ ATTACKS: dict[str, Callable[[Targets], object]] = {
     "a signal": lambda t: os.kill(t.process, signal.SIGWINCH),
     "memory": read_memory,
     "ptrace": trace,
-    "shared memory of System V": lambda t: native(SYSTEM.shmget(0, 4096, 0o1600)),
+    "shared memory of System V": share_memory,
+    "a queue of System V": share_queue,
 }
 OWN: dict[str, Callable[[Path], object]] = {  # what honest code does
     "a pipe of sockets": lambda folder: socket.socketpair(),
