@@ -134,7 +134,7 @@ def _add_try(commands: Any) -> None:
     words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
     p = subcommand(commands, "try", words, "one object a finding")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
-    budget = "CPU time of everything, compilation too [s] (default: 180)"
+    budget = "CPU time of all runs, compilation apart [s] (default: 180)"
     p.add_argument("--budget", type=positive_float, default=180.0, metavar="S", help=budget)
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     add_file(p, "--html", words="also write all lines and charts to one HTML page")

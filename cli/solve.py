@@ -85,7 +85,7 @@ def _solve(
     for line in summarize(record):
         output.print(line)
     if native and not good:
-        output.print(f"standard error     {native.splitlines()[-1]}")
+        output.print(f"standard error     {find_last_message(native)}")
     if nearest:
         output.print(f"true motion        {nearest['words']}")
     elif record.status == Status.INACCURATE and is_kept:
@@ -93,6 +93,12 @@ def _solve(
     if is_kept:
         output.print(f"written to         {out}{' (the file of that name is replaced)' * replaced}")
     return 0 if good else 1
+
+
+def find_last_message(native: str) -> str:
+    """Return the last line of a standard error that is no continuation: of a warning the words, not the code below."""
+    lines = native.splitlines()
+    return next((line for line in reversed(lines) if line and not line[0].isspace()), lines[-1])
 
 
 def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:
