@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from .harness.catalogue.functions import StepFailed as StepFailed
     from .harness.catalogue.functions import rhs as rhs
     from .harness.catalogue.functions import step as step
+    from .harness.catalogue.making import make_problem as make_problem
     from .harness.catalogue.options import Parameter as Parameter
     from .harness.catalogue.options import option as option
-    from .harness.catalogue.registry import make_problem as make_problem
     from .harness.catalogue.registry import problem as problem
     from .harness.catalogue.registry import solver as solver
     from .harness.catalogue.sympy_systems import read_sympy as read_sympy
@@ -66,7 +66,8 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "api": ("Results", "Run", "load", "scipy", "solve"),
     "catalogue.functions": ("StepFailed", "rhs", "step"),
     "catalogue.options": ("Parameter", "option"),
-    "catalogue.registry": ("make_problem", "problem", "solver"),
+    "catalogue.making": ("make_problem",),
+    "catalogue.registry": ("problem", "solver"),
     "catalogue.sympy_systems": ("read_sympy",),
     "mechanics": ("so3",),
     "mechanics.dynamics": ("Equations", "Rates", "advance"),

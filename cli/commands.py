@@ -381,6 +381,8 @@ def _add_figures(commands: Any) -> None:
     p.add_argument("--paper", action="store_true", help="write figures 1 to 12 of the paper instead, with notes")
     only = "only this problem, or with --paper this figure, e.g. fig05; may be repeated"
     p.add_argument("--only", action="append", default=[], metavar="NAME", help=only)
+    called = "what a solver is called there, e.g. gc_weak_form=ODE-GC; may be repeated"
+    p.add_argument("--name", action="append", default=[], metavar="SOLVER=TEXT", help=called)
 
 
 def _add_completion(commands: Any) -> None:

@@ -15,7 +15,7 @@ from ..harness.results.records import RunRecord
 from ..harness.results.words import accurate_until, error_words, why, words_of_ending
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
-from ..harness.suites.spec import RunSpec, make_spec
+from ..harness.suites.spec import RunSpec, check_step, make_spec
 from ..harness.text import printable
 from ..harness.types import Problem, Status
 from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
@@ -33,6 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     problem = make_problem(name, parameters)
     limit = control.pop("cpu_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
+    check_step(spec.control.dt if "dt" in control else None, problem.t_end)
     wall = None if limit is None else positive_float(limit, "cpu_limit")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
