@@ -33,7 +33,8 @@ SHELLS = ("bash", "zsh", "fish")
 TRUTH = "rkmk_dop853"  # compiled once for all starts
 SEED = 1  # the same sample every time, unless --seed says otherwise
 MEANING = {
-    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed",
+    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed; "
+    "none: leave them out",
     "length": "unit of positions, and of velocities per second", "time": "unit of t",
     "angle": "unit of Euler angles, and of angular velocities per second",
     "quaternion": "order of quaternions without letters",
