@@ -152,6 +152,7 @@ def _add_advise(commands: Any) -> None:
     budget = "CPU time for all runs, checked after each round of runs, about [s] (default: 120)"
     p.add_argument("--budget", type=positive_float, default=120.0, metavar="S", help=budget)
     p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="option of the one --solver")
     kept = f"read the runs of this {RESULTS}; run nothing"
     p.add_argument("--from", dest="results", type=find_results, metavar="RESULTS", help=kept)
     add_plugin(p)
