@@ -12,7 +12,7 @@ from ..harness.results import environment
 from .parser import UsageError
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "casadi", "scikit-sundae")  # whose code is in the numbers of runs
-ENGINES = ("mujoco", "exudyn", "pin", "drake", "dartpy")  # of `make engines`, beside us in one environment
+ENGINES = ("mujoco-core", "exudyn", "pin", "drake", "dartpy")  # of `make engines`, beside us in one environment
 ADD_ENGINES = "add engines: make engines, or outside a checkout pip install 'mbsbench[engines]'"
 VERBOSE = "--verbose"
 

@@ -17,7 +17,7 @@ from mbsbench.harness.mechanics.joints import KINDS
 from mbsbench.reports.model.catalogue import is_engine
 from mbsbench.reports.model.frontier import EQUAL, Frontier, broad, doubt_of, engines_first, frontiers
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget
+from mbsbench.reports.pages.judged.engines import TARGET, Contest, contests, describe_budget, list_packages
 from mbsbench.solvers.engines.export.engine import LOADS, SPRINGS, TORSIONS, VARYING, Taken
 
 HERE = Path(__file__).resolve().parent
@@ -41,6 +41,7 @@ def publish(folder: Path) -> None:
     if e.get("dirty") or len(commits) != 1:
         raise SystemExit(f"error: {folder} is not of one commit without changes: nothing is published")
     text = {"commit": e["commit"], "cpu": e.get("cpu"), "runs": len(results.runs)}
+    text["packages"] = list_packages(results.runs)
     if found := contests(results):
         text |= {"budget": describe_budget(found), "target": TARGET, "contests": [_of(contest) for contest in found]}
     else:
@@ -87,7 +88,8 @@ def tables() -> str:
     shipped, tuned = (_total(every, which, target) for which in ("shipped", "best"))
     lines = [
         fill(f"Commit {found['commit'][:8]}, {found['runs']} runs, {found['budget']}. Within {target:g} m or rad over "
-             f"one second: **{shipped[0]} of {shipped[1]} as shipped, {tuned[0]} of {tuned[1]} tuned**.", 138),
+             f"one second: **{shipped[0]} of {shipped[1]} as shipped, {tuned[0]} of {tuned[1]} tuned**."
+             f"{_made_by(found)}", 138),
         "", "Largest error [m, rad] as shipped, and of the best of the budget; CPU time of the latter.", "",
         "| | " + " | ".join(problems) + " |", "|---" * (1 + len(problems)) + "|",
     ]  # fmt: skip
@@ -104,6 +106,10 @@ def tables() -> str:
     return "\n".join(lines) + "\n"
 
 
+def _made_by(found: dict[str, Any]) -> str:
+    return f" Made by {', '.join(found['packages'])}." if found.get("packages") else ""
+
+
 def frontier_table() -> str:
     """A row a variant, with the cheapest code at each error; those where an engine leads first."""
     lead = "**The frontier** (`mbsbench run frontier`)"
@@ -116,7 +122,7 @@ def frontier_table() -> str:
         "CPU time and the spread (upper over lower quartile) of its repeats; over that, the next code and the cheapest "
         "of MuJoCo, Exudyn and Pinocchio. In bold: one of these leads. –: fewer than two codes, or no engine. "
         f"≈: the spread exceeds the lead, which is not decided: a tie if the lead is below {EQUAL:g}, else because of "
-        "the spread. †: below the stated error of the reference."
+        f"the spread. †: below the stated error of the reference.{_made_by(found)}"
     )
     heads = [f"{error:.0e}".replace("e-0", "e-") for error in SHOWN]
     lines = [fill(words, 138), "", "| | " + " | ".join(heads) + " |", "|---" * (1 + len(SHOWN)) + "|"]

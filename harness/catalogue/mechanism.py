@@ -12,7 +12,6 @@ tendon between two sites is a spring. What acts beside that is counted (``Omitte
 are possible is an error.
 """
 
-import importlib.metadata
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -103,7 +102,7 @@ class CompiledMechanism(Mechanism):
     @property
     def doc(self) -> str:
         """Parts of the file that were read, and those that were not."""
-        return self._describe(f"MuJoCo {importlib.metadata.version('mujoco')}", self.omitted)
+        return self._describe(f"MuJoCo {self.mj.__version__}", self.omitted)
 
     def parameters(self) -> dict[str, tuple[Any, Parameter]]:
         """Where it starts: MuJoCo's coordinates, or a keyframe."""

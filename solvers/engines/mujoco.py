@@ -34,7 +34,7 @@ from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, Status, StepControl, Trajectory
 from ..formulations.packages import missing
 from ..formulations.recording import Clock, Clocked
-from .export.engine import VARYING, Taken, beyond, made_by, package
+from .export.engine import VARYING, Taken, beyond, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
 from .export.plain import plain, springs_of_hinges
@@ -51,6 +51,7 @@ LACKS: dict[str, str] = {
     VARYING: "controls are constant within a step",
 }
 CONSTRAINT_SOLVERS = ("Newton", "CG", "PGS")
+WRONG_IF_SPARSE = "4.0.0"  # a wrong factor of the Hessian: google-deepmind/mujoco#3767, right from 4.0.1
 
 
 @solver("mujoco")
@@ -168,7 +169,10 @@ class Model:
         cuts = len(self.tree.cuts)
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities"
         held = f"{limbs}; {cuts} points of cut joints held by soft constraints" if cuts else limbs
-        return held, made_by("mujoco")
+        made_by = f"mujoco {self.mj.__version__}"
+        if self.mj.__version__ == WRONG_IF_SPARSE and self.mj.mj_isSparse(self.model):
+            made_by += ", whose accelerations can be wrong with sparse Jacobians, as here; 4.0.1 is right"
+        return held, made_by
 
 
 def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:

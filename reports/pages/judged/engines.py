@@ -1,7 +1,8 @@
 """Contestants at the settings that their users get and at the best of one tuning budget, and the page of both."""
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..base import Page, Site
 
 SHIPPED, TUNED = "as shipped", "tuned"  # labels of their runs
 TARGET = 1e-3  # in the unit of the problem's error: what tuning aims at
+MADE_BY = re.compile(r"[a-z][\w-]* \d+\.\d.*")  # package and version, which every run of an engine notes
 SOUND = ("success", "inaccurate", "wrong")  # it reached the end
 
 
@@ -25,6 +27,11 @@ class Pair:
     shipped: Run | None
     best: Run
     tried: int  # tuned settings
+
+    @property
+    def made_by(self) -> str:
+        """Package and version that made its runs; empty for solvers of this package."""
+        return ", ".join(list_packages([self.best] if self.shipped is None else [self.shipped, self.best]))
 
 
 @dataclass(frozen=True)
@@ -66,6 +73,11 @@ def contests(results: Results) -> list[Contest]:
             pairs.sort(key=lambda p: (contest.rank(p.shipped), contest.rank(p.best), p.who))
             out.append(replace(contest, pairs=tuple(pairs)))
     return out
+
+
+def list_packages(runs: Iterable[Run]) -> list[str]:
+    """List the packages with their versions that made ``runs``, as their notes say: ``mujoco 4.0.1``."""
+    return sorted({note for run in runs for note in run.notes if MADE_BY.fullmatch(note)})
 
 
 def describe_budget(found: Sequence[Contest]) -> str:

@@ -25,7 +25,8 @@ class Model:
         self._set(data["dt"])
         warped.step(self._there, self._data)  # what the first step compiles is set-up
         self._set(data["dt"])
-        self.notes = ["single precision, CPU", f"mujoco_warp {importlib.metadata.version('mujoco-warp')}"]
+        made_by = f"mujoco_warp {importlib.metadata.version('mujoco-warp')} on mujoco {mj.__version__}"
+        self.notes = ["single precision, CPU", made_by]
 
     def at_start(self) -> dict[str, Any]:
         """For the model check."""

@@ -67,7 +67,11 @@ class Model:
         model.joint_q.assign(self._now.joint_q)
         model.joint_qd.assign(self._now.joint_qd)
         self._solver, self.stopped = self._make_solver(kind, options, data["dt"]), ""
-        self.notes = [f"solver {self._name}, single precision, CPU", f"newton {importlib.metadata.version('newton')}"]
+        made_by = f"newton {importlib.metadata.version('newton')}"
+        if self._name == "MuJoCo":
+            below = (f"{name} {importlib.metadata.version(name)}" for name in ("mujoco", "mujoco-warp"))
+            made_by += f" on {' and '.join(below)}"
+        self.notes = [f"solver {self._name}, single precision, CPU", made_by]
         spare = [model.state(), model.state()]  # what the first step compiles is set-up
         spare[0].assign(self._now)
         self._solver.step(spare[0], spare[1], None, None, data["dt"])

@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import importlib.util
 import sys
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
@@ -17,12 +18,13 @@ from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.engines import mujoco, pinocchio
 from mbsbench.solvers.engines.export import exudyn_rows
+from mbsbench.solvers.engines.export.engine import package
 from mbsbench.solvers.engines.export.model_check import differences
 
 from ..runs import error, orders, run
 from .systems import PROBLEMS
 
-PACKAGES = {"mujoco": "mujoco", "exudyn": "exudyn", "pinocchio": "pin"}  # by solver, as pip calls them
+PACKAGES = {"mujoco": "mujoco-core", "exudyn": "exudyn", "pinocchio": "pin"}  # by solver, as pip calls them
 SPRINGLESS = {"pinocchio"}
 UNLIKE = {
     "pinocchio": ("driven", "loaded", "loaded_in_time", "guided", "tilting", "rolling"),
@@ -283,3 +285,44 @@ def test_a_loop_with_springs_is_that_of_the_strong_form_in_cvode():
     ours, theirs = (make_solver(n).solve(problem, StepControl(rtol=1e-10)) for n in ("rkmk_dop853", "cvode"))
     np.testing.assert_allclose(theirs.states.r[-1], ours.states.r[-1], atol=1e-7)
     np.testing.assert_allclose(theirs.reaction[0], ours.reaction[0], rtol=1e-8, atol=1e-8)
+
+
+SPARSE = (5148, 5306, 5399, 5543, 6231)  # starts of random trees that MuJoCo 4.0.0 accelerates wrongly, by 78 to 780 %
+
+
+def random_tree(rng, bodies, loops):
+    """MJCF of a tree of hinges and balls whose bodies are tied together at ``loops`` points."""
+    parents = [-1] + [int(rng.integers(-1 if rng.random() < 0.1 else max(0, i - 4), i)) for i in range(1, bodies)]
+    places, axes = 0.5 * rng.normal(size=(bodies, 3)), rng.normal(size=(bodies, 3))
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    joints = ["ball" if rng.random() < 0.3 else "hinge" for _ in range(bodies)]
+    parts = [ET.Element("mujoco")]
+    option = ET.SubElement(parts[0], "option", solver="Newton", iterations="100", tolerance="1e-8")
+    ET.SubElement(option, "flag", contact="disable")
+    links = {-1: ET.SubElement(parts[0], "worldbody")}
+    for i in range(bodies):
+        links[i] = ET.SubElement(links[parents[i]], "body", name=f"b{i}", pos=" ".join(map(str, places[i])))
+        hinge = {"axis": " ".join(map(str, axes[i]))} if joints[i] == "hinge" else {}
+        ET.SubElement(links[i], "joint", type=joints[i], **hinge)
+        ET.SubElement(links[i], "inertial", pos=".1 .05 .02", mass="1", diaginertia=".1 .12 .15")
+    ties = ET.SubElement(parts[0], "equality")
+    for _ in range(loops):
+        one, two = rng.choice(bodies, 2, replace=False)
+        ET.SubElement(ties, "connect", body1=f"b{one}", body2=f"b{two}", anchor=".2 .1 .1")
+    return ET.tostring(parts[0], encoding="unicode")
+
+
+@needs("mujoco")
+@pytest.mark.parametrize("seed", SPARSE)
+def test_accelerations_of_mujoco_do_not_depend_on_how_rows_are_stored(seed):
+    """Dense or sparse: google-deepmind/mujoco#3767."""
+    mj, drawn = package("mujoco"), np.random.default_rng(seed)
+    bodies, loops = int(drawn.integers(20, 65)), int(drawn.integers(3, 12))
+    model = mj.MjModel.from_xml_string(random_tree(np.random.default_rng(seed), bodies, loops))
+    found = []
+    for model.opt.jacobian in (mj.mjtJacobian.mjJAC_DENSE, mj.mjtJacobian.mjJAC_SPARSE):
+        data = mj.MjData(model)
+        data.qvel[:] = np.random.default_rng(seed).normal(size=model.nv)
+        mj.mj_forward(model, data)
+        found.append(data.qacc.copy())
+    assert np.max(np.abs(found[1] - found[0])) < 1e-9 * np.max(np.abs(found[0]))
