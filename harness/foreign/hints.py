@@ -47,7 +47,7 @@ def _measure_off(motion: Motion, R: np.ndarray, Omega: np.ndarray, rows: np.ndar
     off = []
     if motion.R is not None:
         off.append(np.max(so3.angle_between(motion.R[rows], R)))
-    if motion.origin["Omega"] is Origin.FILE:
+    if motion.Omega is not None and motion.origin["Omega"] is Origin.FILE:
         off.append(np.max(np.abs(motion.Omega[rows] - Omega)) / max(float(np.max(np.abs(Omega))), 1e-300))
     return float(np.max(off)) if off else np.nan
 
