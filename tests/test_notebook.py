@@ -103,6 +103,9 @@ def test_what_is_printed_fits_a_line(run):
     for said in (repr(run.record), repr(run.series), repr(dataclasses.replace(run.record, case="", status=""))):
         assert len(said) < 250 and "\n" not in said
     assert f"{run.record.case}: success, 10 steps" in repr(run.record)
+    assert repr(run.trajectory) == "<Trajectory of 1 body at 11 times to 0.1 s: success>"
+    words = "1 body, 1 joint, 3 rows; 0.2 s, dt = 0.001 s"
+    assert repr(make_problem("heavy_top", t_end=0.2)) == f"<Problem heavy_top[t_end=0.2]: {words}>"
     assert repr(run.series).startswith("<Series of 11 times to 0.1 s: ") and "energy_error" in repr(run.series)
 
 
