@@ -171,7 +171,9 @@ def test_command_writes_figures_tables_and_captions(results, capsys):
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
 @pytest.mark.skipif(not (BIN / "mbsbench").exists(), reason="the command mbsbench is not installed beside this Python")
 def test_make_pictures_writes_those_of_the_pages(tmp_path):
-    """A picture that nobody can make again goes stale."""
+    """A picture that nobody can make again goes stale; elsewhere nothing that is published changes."""
+    published = sorted((TOP / "results" / "published" / "engines" / "runs").glob("*.json"))
+    before = [(p.name, p.stat().st_mtime_ns) for p in published]
     results, pictures = tmp_path / "chain-run", tmp_path / "pictures"
     pictures.mkdir()
     (ready := tmp_path / "ready").touch()  # newer than the locks: nothing is installed
@@ -184,6 +186,7 @@ def test_make_pictures_writes_those_of_the_pages(tmp_path):
     shown = re.findall(r"!\[[^]]+\]\((?:docs/)?images/([^)]+)\)", pages)
     assert sorted(p.name for p in pictures.iterdir()) == sorted(shown)
     assert all("<svg" in p.read_text(encoding="utf-8") for p in pictures.iterdir())
+    assert before and before == [(p.name, p.stat().st_mtime_ns) for p in published]
 
 
 def test_a_legend_is_smaller_than_its_plot(tmp_path):
