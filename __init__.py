@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from .api import load as load
     from .api import scipy as scipy
     from .api import solve as solve
+    from .harness.catalogue.functions import StepFailed as StepFailed
     from .harness.catalogue.functions import rhs as rhs
     from .harness.catalogue.functions import step as step
+    from .harness.catalogue.making import make_problem as make_problem
     from .harness.catalogue.options import Parameter as Parameter
     from .harness.catalogue.options import option as option
-    from .harness.catalogue.registry import make_problem as make_problem
     from .harness.catalogue.registry import problem as problem
     from .harness.catalogue.registry import solver as solver
     from .harness.catalogue.sympy_systems import read_sympy as read_sympy
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from .harness.mechanics.dynamics import Equations as Equations
     from .harness.mechanics.dynamics import Rates as Rates
     from .harness.mechanics.dynamics import advance as advance
-    from .harness.mechanics.dynamics import equations as equations
     from .harness.mechanics.jacobian import constraint_jacobian as constraint_jacobian
     from .harness.mechanics.jacobian import independent_rows as independent_rows
     from .harness.mechanics.joints import Joint as Joint
@@ -57,18 +57,20 @@ if TYPE_CHECKING:
     from .harness.types import Trait as Trait
     from .harness.types import Trajectory as Trajectory
     from .solvers.formulations.compiled.public import accelerations as accelerations
+    from .solvers.formulations.compiled.public import equations as equations
     from .solvers.formulations.compiled.public import project as project
 
 machine.pin()  # before NumPy loads, where it has not yet
 
 _HOMES = {  # the same list for the interpreter, which loads none before it is asked for
     "api": ("Results", "Run", "load", "scipy", "solve"),
-    "catalogue.functions": ("rhs", "step"),
+    "catalogue.functions": ("StepFailed", "rhs", "step"),
     "catalogue.options": ("Parameter", "option"),
-    "catalogue.registry": ("make_problem", "problem", "solver"),
+    "catalogue.making": ("make_problem",),
+    "catalogue.registry": ("problem", "solver"),
     "catalogue.sympy_systems": ("read_sympy",),
     "mechanics": ("so3",),
-    "mechanics.dynamics": ("Equations", "Rates", "advance", "equations"),
+    "mechanics.dynamics": ("Equations", "Rates", "advance"),
     "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),
     "mechanics.motion": ("angular_momentum", "constraint", "constraint_rate", "kinetic_energy", "potential_energy"),
     "mechanics.state": ("State", "States"),
@@ -77,7 +79,7 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "mechanics.user_forces": ("UserForce",),
     "mechanics.time_functions": ("TimeFunction",),
     "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trait", "Trajectory"),
-    "solvers.formulations.compiled.public": ("accelerations", "project"),
+    "solvers.formulations.compiled.public": ("accelerations", "equations", "project"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_HOME)  # noqa: PLE0605

@@ -6,7 +6,9 @@
 import dataclasses
 import json
 import math
+import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,6 +30,7 @@ from .harness.execution.warmup import runs_to_warm, warm
 from .harness.execution.worker import solve as solve_here
 from .harness.mechanics.consistency import check_start
 from .harness.mechanics.moving_rows import check_lengths
+from .harness.mechanics.state import States
 from .harness.metrics.measure import measure
 from .harness.places import Place
 from .harness.results import environment, store
@@ -35,13 +38,15 @@ from .harness.results.codes import code_of
 from .harness.results.records import RunRecord
 from .harness.results.series import Series, write_series
 from .harness.results.words import error_words, why
-from .harness.suites.spec import RunSpec, step_control
+from .harness.suites.spec import RunSpec, check_step, step_control
 from .harness.types import Problem, Solver, Status, Trajectory
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
     from matplotlib.figure import Figure
 
+EVERY = 3.0  # [s] between two lines on how far a solve has come
 PLOTTED = ("energy", "phi", "phi-dot", "step", "position")  # plots of the reports, by name
 
 
@@ -147,7 +152,8 @@ def solve(
     given = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
     entry, made = _resolve_solver(solver, options, variant, list(given))
     steps = step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
-    control = dataclasses.replace(steps, cpu_limit=cpu_limit)
+    check_step(steps.dt if dt is not None else None, variant.t_end)
+    control = dataclasses.replace(steps, cpu_limit=cpu_limit, spool=_Progress(variant) if _is_watched() else None)
     limits: dict[str, Any] = {"cpu_limit": cpu_limit or math.inf, "memory": math.inf}
     spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed_options(made), **limits)
     if cpu_limit is not None:  # compile before its clock starts
@@ -159,6 +165,28 @@ def solve(
     record, trajectory, m = dataclasses.replace(outcome.record, stderr=""), outcome.trajectory, outcome.measured
     series = None if trajectory is None or m is None else series_of(variant, trajectory, m)
     return Run(record, trajectory, series, variant)
+
+
+class _Progress:
+    """Prints how far a solve has come, where somebody watches; it keeps no steps."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.rows, self._problem, self._last = 0, problem, time.monotonic()
+
+    def due(self) -> bool:
+        """Whether it is time for another line."""
+        return time.monotonic() - self._last > EVERY
+
+    def take(self, t: "np.ndarray | list[float]", states: States) -> None:
+        """Print where the motion is."""
+        self.rows, self._last = self.rows + len(t), time.monotonic()
+        if len(t):
+            sys.stderr.write(f"{self._problem.name}: t = {t[-1]:.4g} of {self._problem.t_end:g} s\n")
+
+
+def _is_watched() -> bool:
+    """Whether this is a notebook or a terminal, not a script whose output goes to a file."""
+    return "ipykernel" in sys.modules or bool(sys.stderr and sys.stderr.isatty())
 
 
 def load(path: str | Path, problem: Problem | None = None) -> Run | Results:

@@ -11,17 +11,20 @@ from pathlib import Path
 from rich.text import Text
 
 from ..harness.catalogue import registry
+from ..harness.catalogue.mechanism import Mechanism
 from ..harness.execution.costs import expect, select_quick
 from ..harness.execution.runner import Request
 from ..harness.races.cheapest import Candidate, cost_of, rank
 from ..harness.reference.computation import is_computable
 from ..harness.results import store
+from ..harness.results.naming import format_name
 from ..harness.results.records import RunRecord
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
 from ..harness.types import Problem
-from .arguments import UsageError, count_jobs, load_problem
+from .arguments import UsageError, count_jobs, load_problem, parse_assignments
+from .commands import CONTROL
 from .progress import announce, run_watched
 from .terminal import (
     Column,
@@ -37,6 +40,7 @@ from .version import ADD_ENGINES
 
 ROUNDS = 6
 TYPICAL = 3  # settings of a solver that are tried until it meets the error, of at most ROUNDS
+LARGE = 0.1  # of the reach: what is off by more is called inaccurate
 OWN = 3.0  # times the stated error of the reference: nothing is judged below
 COLUMNS = (
     Column("solver", right=False), Column("setting", right=False), Column("motion error [m]"), Column("CPU [s]"),
@@ -51,13 +55,28 @@ def run(arguments: argparse.Namespace) -> int:
     problem = make_problem(name, parameters)
     for solver in arguments.solver:
         registry.entry_of("solver", solver, registry.solvers())
+    options = _read_options(arguments)
     if arguments.results:
         candidates = _read_candidates(arguments.results, problem, error, arguments.solver)
     else:
         names = arguments.solver or list(registry.solvers())
-        candidates = [Candidate(n, problem, error, min(max(budget / 6.0, 1.0), 60.0)) for n in names]
+        limit = min(max(budget / 6.0, 1.0), 60.0)
+        candidates = [Candidate(n, problem, error, limit, options=options) for n in names]
         _search(candidates, plugins, budget, count_jobs(arguments.jobs), quiet=arguments.json)
     return _report(rank(candidates), error, as_json=arguments.json)
+
+
+def _read_options(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return the options of --set, checked."""
+    options = parse_assignments(arguments.set, "--set")
+    if options and (len(arguments.solver) != 1 or arguments.results):
+        raise UsageError("--set is for the runs of one --solver: name it, and leave --from out")
+    for key in CONTROL:
+        if key in options:
+            raise UsageError(f"--set {key}: the search chooses it; mbsbench solve runs one setting")
+    if options:
+        registry.make_solver(arguments.solver[0], options)
+    return options
 
 
 def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float, size: int, *, quiet: bool) -> None:
@@ -135,12 +154,37 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
             r = c.best or c.closest
             print_json({"solver": c.solver, "case": r.case, "meets": bool(c.best), "status": r.status, "dt_s": r.dt_s,
                         "rtol": r.rtol, "motion_error_m": r.motion_error_judged_m, "cpu_s": r.cpu_median_s,
-                        "steps": r.steps, "why_not": c.why_not})  # fmt: skip
+                        "steps": r.steps, "reach_m": r.length_scale_m, "why_not": c.why_not})  # fmt: skip
     else:
         below = [f"cheapest: {best.case}" if best else "no solver meets it", "factors of CPU time below 1.5 say little"]
+        below += [*_describe_reach(candidates, error), *_describe_settings(candidates)]
         below += _list_missing([c for c in candidates if c.solver in missing])
         print_table(COLUMNS, _list_rows([c for c in candidates if c.solver not in missing]), *below)
     return 0 if best else 1
+
+
+def _describe_reach(candidates: list[Candidate], error: float) -> list[str]:
+    """Return a line on what share of the motion the error is; a large one asks for nothing."""
+    reach = max((r.length_scale_m for c in candidates for r in c.runs if r.length_scale_m > 0.0), default=0.0)
+    if not reach:
+        return []
+    share = 100.0 * error / reach
+    warning = ": ask for less, nearly any motion meets it" if error > LARGE * reach else ""
+    return [f"the farthest that a body moves is {reach:.3g} m, of which {error:g} m is {share:.2g} %{warning}"]
+
+
+def _describe_settings(candidates: list[Candidate]) -> list[str]:
+    """Return a line where engines run a mechanism's file with settings that are not the file's."""
+    names = [c.solver for c in candidates if "settings" in registry.solvers()[c.solver].parameters]
+    made = getattr(registry.problems().get(candidates[0].problem.name), "make", None) if candidates else None
+    if not (names and isinstance(getattr(made, "__self__", None), Mechanism)):
+        return []
+    asked = candidates[0].options.get("settings")
+    if asked is not None:
+        return [f"{names[0]} with settings={asked}"]
+    (name, *_) = names
+    return [f"{name} here has this project's settings, not your file's: --solver {name} --set settings=default takes "
+            f"those it ships with; mbsbench list {name} explains them"]  # fmt: skip
 
 
 def _list_missing(candidates: list[Candidate]) -> list[str]:
@@ -162,7 +206,7 @@ def _list_rows(candidates: list[Candidate]) -> list[tuple[Text | str, ...]]:
     for c in candidates:
         r = c.best or c.closest
         factor = number(cost_of(r)[0] / cost_of(best)[0], 2) if c.best and best else ""
-        name = Text(c.solver, "" if c.best else status_style(r.status))
+        name = Text(format_name(c.solver, c.options), "" if c.best else status_style(r.status))
         rows.append((name, f"{c.control}={c.setting(r):g}", number(r.motion_error_judged_m), number(r.cpu_median_s, 2),
                      factor, str(r.steps), c.why_not))  # fmt: skip
     return rows

@@ -34,7 +34,8 @@ SHELLS = ("bash", "zsh", "fish")
 TRUTH = "rkmk_dop853"  # compiled once for all starts
 SEED = 1  # the same sample every time, unless --seed says otherwise
 MEANING = {
-    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed",
+    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed; "
+    "none: leave them out",
     "length": "unit of positions, and of velocities per second", "time": "unit of t",
     "angle": "unit of Euler angles, and of angular velocities per second",
     "quaternion": "order of quaternions without letters",
@@ -135,7 +136,7 @@ def _add_try(commands: Any) -> None:
     words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
     p = subcommand(commands, "try", words, "one object a finding")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
-    budget = "CPU time of everything, compilation too [s] (default: 180)"
+    budget = "CPU time of all runs, compilation apart [s] (default: 180)"
     p.add_argument("--budget", type=positive_float, default=180.0, metavar="S", help=budget)
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     add_file(p, "--html", words="also write all lines and charts to one HTML page")
@@ -152,6 +153,7 @@ def _add_advise(commands: Any) -> None:
     budget = "CPU time for all runs, checked after each round of runs, about [s] (default: 120)"
     p.add_argument("--budget", type=positive_float, default=120.0, metavar="S", help=budget)
     p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
+    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="option of the one --solver")
     kept = f"read the runs of this {RESULTS}; run nothing"
     p.add_argument("--from", dest="results", type=find_results, metavar="RESULTS", help=kept)
     add_plugin(p)
@@ -389,6 +391,8 @@ def _add_figures(commands: Any) -> None:
     p.add_argument("--paper", action="store_true", help="write figures 1 to 12 of the paper instead, with notes")
     only = "only this problem, or with --paper this figure, e.g. fig05; may be repeated"
     p.add_argument("--only", action="append", default=[], metavar="NAME", help=only)
+    called = "what a solver is called there, e.g. gc_weak_form=ODE-GC; may be repeated"
+    p.add_argument("--name", action="append", default=[], metavar="SOLVER=TEXT", help=called)
 
 
 def _add_completion(commands: Any) -> None:

@@ -4,12 +4,15 @@ import argparse
 
 from ..harness.results import store
 from ..harness.suites.suite import load_suite
+from .arguments import UsageError, parse_assignments
 from .terminal import console
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write them and print where they are."""
     folder = arguments.results
+    if arguments.paper and arguments.name:
+        raise UsageError("--name is for figures of your own; those of --paper have the paper's names")
     from ..reports import publication  # here: they take a second to load
     from ..reports.paper import build as paper
 
@@ -18,6 +21,6 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.paper:
             paper.command(folder, arguments.only, load_suite("paper").specs, out.print)
         else:
-            publication.command(folder, arguments.only, out.print)
+            publication.command(folder, arguments.only, out.print, parse_assignments(arguments.name, "--name"))
     out.print(f"figures: {folder / (paper if arguments.paper else publication).FOLDER}")
     return 0

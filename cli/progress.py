@@ -37,8 +37,9 @@ class Watch:
 
     def __init__(
         self, console: Console, live: Live | None, size: int = 1, *, resumable: bool = True, announces: bool = True,
-        here: bool = True,
+        here: bool = True, budget: str = "",
     ) -> None:  # fmt: skip
+        self.budget = budget  # words on the limit of a command that runs several suites within one
         self.console, self.live, self.size, self.resumable = console, live, size, resumable
         self.here = here  # whether runs are run on this machine, whose pace is known
         self.announces = announces  # what will be done; a command that runs several suites does so itself
@@ -116,8 +117,8 @@ class Watch:
 
     def on_stop(self, left: Sequence[Job], limit: float) -> None:
         self.left = len(left)
-        name = "the suite's total_limit" if self.resumable else "the budget"
-        self._say(f"stopped at {name} of {limit:.3g} s", "yellow")
+        reached = self.budget or f"the suite's total_limit of {limit:.3g} s"
+        self._say(f"stopped at {reached}", "yellow")
         for job in left[:LISTED]:
             self._say(f"not started: {job.spec.case}")
         if left:
@@ -196,15 +197,15 @@ def describe_time(expected: Expectation) -> str:
 
 def run_watched(
     request: Request, *, quiet: bool, resumable: bool = True, announces: bool = True, here: bool = True,
-    pool: Callable[..., Executor] = LocalPool,
+    budget: str = "", pool: Callable[..., Executor] = LocalPool,
 ) -> tuple[Loaded, Watch]:  # fmt: skip
     """Run a suite under a ``Watch`` on standard error, with status lines on a terminal; ``quiet``: without a word.
 
-    What is not ``resumable`` has a budget, and a folder that is of no use to the user or is named elsewhere; runs that
-    are not run ``here`` but on a cluster take an unknown time.
+    What is not ``resumable`` has a folder that is of no use to the user or is named elsewhere, and perhaps a
+    ``budget``, in words; runs that are not run ``here`` but on a cluster take an unknown time.
     """
     console = Console(quiet=quiet, stderr=True)
     plain = quiet or not console.is_terminal or console.is_dumb_terminal
     with nullcontext() if plain else Live(console=console, auto_refresh=False, transient=True) as live:
-        watcher = Watch(console, live, request.jobs, resumable=resumable, announces=announces, here=here)
+        watcher = Watch(console, live, request.jobs, resumable=resumable, announces=announces, here=here, budget=budget)
         return run_suite(request, watcher, pool), watcher

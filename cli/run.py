@@ -17,6 +17,8 @@ from .keeping import series_to_keep
 from .progress import describe_time, run_watched, warn_of_own_bits
 from .terminal import console, error_console, number, plural, print_json
 
+LISTED = 8  # solvers with a key that they do not take
+
 
 def run(arguments: argparse.Namespace) -> int:
     """Run; 0 whatever the statuses are (failures are results), 1 if a limit left runs out."""
@@ -53,7 +55,10 @@ def run(arguments: argparse.Namespace) -> int:
         counted = Counter(r.status for r in loaded.records)
         drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
         plain = {"folder": str(request.folder), "runs": len(loaded.records), "statuses": dict(counted)}
-        print_json({**plain, "not_begun": watcher.left, "worst_drift": drift})
+        not_combined = list(suite.not_combined)
+        print_json({**plain, "not_begun": watcher.left, "worst_drift": drift, "not_combined": not_combined})
+    elif suite.not_combined:
+        console().print(describe_not_combined(suite.not_combined))
     return 1 if watcher.left or failures else 0
 
 
@@ -64,12 +69,14 @@ def _explain(request: Request, *, as_json: bool) -> int:
     if as_json:
         runs = [{"case": s.case, "seconds": expected.runs[s.settings_id]} for s in waiting]
         whole = {"seconds": expected.seconds, "once_s": expected.once, "jobs": expected.jobs}
-        print_json({"suite": request.suite.name, **whole, "runs": runs})
+        print_json({"suite": request.suite.name, **whole, "runs": runs, "not_combined": request.suite.not_combined})
         return 0
     out = console()
     for s in waiting:
         out.print(f"{number(expected.runs[s.settings_id], 2):>8} s  {s.case}")
     out.print(f"{plural(len(waiting), 'run')}{describe_time(expected)}")
+    if request.suite.not_combined:
+        out.print(describe_not_combined(request.suite.not_combined))
     return 0
 
 
@@ -91,6 +98,12 @@ def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple
     for line in failures:
         error_console().print(f"not timed: {line}")
     return failures
+
+
+def describe_not_combined(rest: Sequence[str]) -> str:
+    """Return a line on solvers and the keys of their groups that they do not take."""
+    more = f", and {len(rest) - LISTED} more" if rest[LISTED:] else ""
+    return f"not combined: {', '.join(rest[:LISTED])}{more}"
 
 
 def choose_executor(address: str | None) -> Callable[..., Executor]:

@@ -70,7 +70,7 @@ def _read_motion(arguments: argparse.Namespace) -> Motion:
     if path.is_file():
         raise UsageError(f"{path} does not name its problem; give it with --problem")
     folder = find_results(arguments.results)
-    record = find_run(store.load(folder, check_series=False).records, arguments.motion)
+    record = find_run(store.load(folder, check_series=False).records, arguments.motion, folder)
     with tempfile.TemporaryDirectory() as place:  # a results folder keeps thinned poses alone
         again = Path(place) / "run.npz"
         solve_to_file(rebuild_spec(record), again, None)

@@ -4,6 +4,7 @@ import argparse
 import csv
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -51,6 +52,8 @@ NOT_NUMBERS = {*SETTINGS, "schema", "exit_code", "signal", "memory_limit_MB"}
 LAST = 5  # lines of standard error
 SPARK = 12  # characters of the energy error over time
 PREFIX = 7  # characters of the run_id in the table
+RUN_ID = re.compile(r"[0-9a-f]{4,16}")  # or its first digits
+NAMED = 4  # runs in a message
 SHOWN = {
     "energy_drift_max_J": Column("|dE| [J]"), "position_error": Column("error [m]", rank=2),
     "error_until": Column("error to [s]", rank=2), "orientation_error": Column("error [rad]", rank=4),
@@ -171,7 +174,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.steps:
         if arguments.run_name is None or arguments.json:
             raise UsageError("--steps prints the steps of one RUN as CSV: give it, and no --json")
-        print_steps(folder, find_run(loaded.records, arguments.run_name), load_plugins(arguments.plugin))
+        print_steps(folder, find_run(loaded.records, arguments.run_name, folder), load_plugins(arguments.plugin))
         return 0
     unreadable = list(loaded.unreadable)
     chosen = _select_runs(loaded.records, arguments)
@@ -190,7 +193,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
     """Filtered, sorted, limited; UsageError where a filter matches no run."""
     if arguments.run_name is not None:
-        return [find_run(found, arguments.run_name)]
+        return [find_run(found, arguments.run_name, arguments.results)]
     chosen = list(found)
     for name in FILTERS:
         given = getattr(arguments, name)
@@ -211,15 +214,27 @@ def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> l
     return chosen[: arguments.limit]
 
 
-def find_run(found: Sequence[RunRecord], given: str) -> RunRecord:
-    """The run of that run_id, its first digits, or that case."""
+def find_run(found: Sequence[RunRecord], given: str, folder: Path) -> RunRecord:
+    """Return the run of ``folder`` with that run_id, its first digits, or that case."""
     match = [r for r in found if given in (r.run_id, r.case)]
     match = match or [r for r in found if given and r.run_id.startswith(given)]
     if not match:
-        raise UsageError(f"no run {given!r} in these results{nearest(given, [r.case for r in found][:500])[:200]}")
+        raise UsageError(f"no run {given!r} in these results{_name_others(found, given, folder)}")
     if len(match) > 1:
         raise UsageError(f"{given!r} is the start of {len(match)} runs: {', '.join(r.run_id for r in match[:5])}")
     return match[0]
+
+
+def _name_others(found: Sequence[RunRecord], given: str, folder: Path) -> str:
+    """Return where a run_id is found, or some that are here; for a case the nearest one."""
+    if not RUN_ID.fullmatch(given):
+        return nearest(given, [r.case for r in found][:500])[:200]
+    beside = (p for p in folder.resolve().parent.iterdir() if p.resolve() != folder.resolve())
+    if where := next((p for p in sorted(beside) if any((p / "runs").glob(f"{given}*.json"))), None):
+        return f": it is of {where.name}"
+    some = [f"{r.run_id[:PREFIX]} ({r.case})" for r in found[:NAMED]]
+    more = f" and {len(found) - NAMED} more, which mbsbench show {folder} lists" if found[NAMED:] else ""
+    return f", which has {', '.join(some) or 'none'}{more}"
 
 
 def _draw_energy(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str:

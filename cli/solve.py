@@ -15,7 +15,7 @@ from ..harness.results.records import RunRecord
 from ..harness.results.words import accurate_until, error_words, why, words_of_ending
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
-from ..harness.suites.spec import RunSpec, make_spec
+from ..harness.suites.spec import RunSpec, check_step, make_spec
 from ..harness.text import printable
 from ..harness.types import Problem, Status
 from .arguments import UsageError, load_problem, parse_assignments, positive_float, writable_file
@@ -33,6 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     problem = make_problem(name, parameters)
     limit = control.pop("cpu_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
+    check_step(spec.control.dt if "dt" in control else None, problem.t_end)
     wall = None if limit is None else positive_float(limit, "cpu_limit")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
@@ -85,7 +86,7 @@ def _solve(
     for line in summarize(record):
         output.print(line)
     if native and not good:
-        output.print(f"standard error     {native.splitlines()[-1]}")
+        output.print(f"standard error     {find_last_message(native)}")
     if nearest:
         output.print(f"true motion        {nearest['words']}")
     elif record.status == Status.INACCURATE and is_kept:
@@ -93,6 +94,12 @@ def _solve(
     if is_kept:
         output.print(f"written to         {out}{' (the file of that name is replaced)' * replaced}")
     return 0 if good else 1
+
+
+def find_last_message(native: str) -> str:
+    """Return the last line of a standard error that is no continuation: of a warning the words, not the code below."""
+    lines = native.splitlines()
+    return next((line for line in reversed(lines) if line and not line[0].isspace()), lines[-1])
 
 
 def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:

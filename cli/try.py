@@ -43,7 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
     def run_stage(specs: Sequence[RunSpec], rest: float, resume: bool) -> Sequence[RunRecord] | None:
         suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=NET * rest)
         request = Request(suite, folder, jobs, resume=resume)
-        loaded, watcher = run_watched(request, quiet=arguments.json, resumable=False, announces=False)
+        words = (
+            f"the budget of {arguments.budget:g} s (--budget), of which {max(rest, 0.0):.2g} s were left for these runs"
+        )
+        loaded, watcher = run_watched(request, quiet=arguments.json, resumable=False, announces=False, budget=words)
         cut = watcher.left or any(r.ended_by == EndedBy.TOTAL_LIMIT for r in loaded.records)
         return None if cut else loaded.records
 

@@ -1,7 +1,8 @@
 """Pictures of the README and of docs/judging.md, from the newest or given results; the loop from two runs made here.
 
 ``make pictures`` writes all. Each states the digest of the code of its runs, which a test compares with the code there.
-From results with engines it also writes a false success of each into results/published/engines, for pages without.
+From results with engines it also writes a false success of each into results/published/engines, for pages without,
+if the pictures are those of the pages.
 """
 
 import mbsbench  # noqa: F401  before NumPy: it pins the arithmetic
@@ -73,6 +74,9 @@ def draw_results(folder: Path, out: Path) -> None:
     code = digest(r.record.code for r in results.runs)
     for place, text in ((path, path.read_text(encoding="utf-8")), (out / f"{COSTS}.svg", draw_costs(results))):
         place.write_text(f"{text}<!-- code of its runs: {code} -->\n", encoding="utf-8")
+
+
+OWN = Path(__file__).resolve().parent / "images"
 
 
 def publish_engines(folder: Path) -> None:
@@ -216,5 +220,6 @@ if __name__ == "__main__":
     given = Path(sys.argv[1])
     folder = given if given.is_dir() else LOCAL / given
     draw_results(folder, place)
-    publish_engines(folder)
+    if place.resolve() == OWN:
+        publish_engines(folder)
     (place / "loop.svg").write_text(draw_loop(), encoding="utf-8")

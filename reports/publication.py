@@ -1,7 +1,9 @@
 """Publication figures and tables of results in ``publication/``: a folder a problem, an index, the captions."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,13 +13,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
 from ..harness.places import Place
+from .model.accuracy import measure_for
+from .model.floats import write_floats
 from .model.heat import Heat, heat
 from .model.margin import LEVELS
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
 from .plots.laws import draw_runs, laws
 from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, sheet
-from .plots.spec import Plot, Trace, looks
+from .plots.spec import Look, Plot, Trace, looks_in_print
 from .plots.work import plots_of
 from .rendering import render
 
@@ -37,15 +41,26 @@ WORK = (
     "early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie on the "
     "dotted line."
 )
+COUNTED = {  # in captions, where a panel has it
+    "index-1 evaluations": "Index-1 evaluations: one unit for all solvers, an evaluation of the equations with its "
+    "factorisation; one without counts half.",
+    "evaluations": "Evaluations: residuals or right sides, as each solver counts its own.",
+}
 Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, what is shown, width [in], how it is drawn
 COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
 ROW, HEAD = 0.25, 0.75  # [in]
 SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "open": "not finished", "refused": "refused"}
 
 
-def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
-    """The command ``mbsbench figures``; ``only`` are names of variants, or of problems that have none of that name."""
+def command(
+    folder: Path, only: Sequence[str], tell: Callable[[str], None], names: Mapping[str, str] | None = None
+) -> list[Path]:
+    """The command ``mbsbench figures``; ``only`` are names of variants, or of problems that have none of that name.
+
+    Solvers are called by ``names``, where they have one there.
+    """
     results = read_results(Path(folder), check_series=False)
+    results, own = _rename_solvers(results, looks_in_print(results.solvers), names or {})
     titles = {p.title for p in results.variants}
     known = titles | {p.problem for p in results.variants}
     unknown = [name for name in only if name not in known]
@@ -65,24 +80,48 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
         keep((OVERVIEW, HEAT, DOUBLE, partial(heat_figure, picture)), out)
     for variant in variants:
         files += write_tables([variant], out / variant.slug)
-        for printed in figures_of(results, variant):
+        for printed in figures_of(results, variant, own):
             keep(printed, out / variant.slug, variant.title)
         maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
         left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
         tell(f"{variant.title}: {len(variant.runs)} runs{left}")
     (out / "captions.json").write(json.dumps(captions, indent=1, ensure_ascii=False))
-    names = {f"{p.slug}/{p.slug}": p.title for p in variants}
+    tables = {f"{p.slug}/{p.slug}": p.title for p in variants}
     title = f"Figures and tables of {results.folder.name}"
-    page = render("publication.html", figures=captions, tables=names, title=title, charts=(), stamp="")
+    page = render("publication.html", figures=captions, tables=tables, title=title, charts=(), stamp="")
     (out / "index.html").write(page)
-    return files
+    described = {f"{p.slug}/{p.slug}": describe_table(p) for p in variants}
+    (out / "floats.tex").write(write_floats(title, captions, described))
+    return [*files, (out / "floats.tex").path]
 
 
-def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
+def _rename_solvers(
+    results: Results, own: Mapping[str, Look], names: Mapping[str, str]
+) -> tuple[Results, Mapping[str, Look]]:
+    """Return the results and looks with solvers called by ``names``."""
+    for name in names:
+        if name not in results.solvers:
+            raise ValueError(f"--name: no solver {name!r} in these results; there are {', '.join(results.solvers)}")
+    called = {solver: names.get(solver, solver) for solver in results.solvers}
+    if twice := [name for name, n in Counter(called.values()).items() if n > 1]:
+        raise ValueError(f"--name: two solvers are called {twice[0]!r}")
+    runs = (replace(run, record=replace(run.record, solver=called[run.record.solver])) for run in results.runs)
+    return replace(results, runs=tuple(runs)), {called[solver]: look for solver, look in own.items()}
+
+
+def describe_table(variant: Variant) -> str:
+    """Return the caption of its table."""
+    measure = measure_for(variant.runs)
+    until = f"; errors up to {measure.until:.4g} s" if measure and measure.until is not None else ""
+    return f"{variant.title}: largest errors and CPU time of each run{until}."
+
+
+def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | None = None) -> Iterator[Printed]:
     """Work against error of all runs; then of every label the laws, each alone and together."""
-    own = looks(results.solvers)
+    own = own or looks_in_print(results.solvers)
     if len(variant.runs) >= LEAST and (work := plots_of(variant)):
-        caption = f"{variant.title}: work against error. {WORK}"
+        counted = " ".join(words for kind, words in COUNTED.items() if any(p.x.title == kind for p in work))
+        caption = f"{variant.title}: work against error. {' '.join(filter(None, (WORK, counted)))}"
         yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():

@@ -19,7 +19,9 @@ from ..code_meter import solver_seconds
 from ..mechanics.consistency import InconsistentStart
 from ..mechanics.counting import Count, counting
 from ..mechanics.dynamics import Rates
+from ..mechanics.jacobian import independent_rows
 from ..mechanics.state import State, States
+from ..mechanics.step_time import REMEDY, step_from
 from ..mechanics.system import MultibodySystem
 from ..types import Problem, Status, StepControl, Trajectory
 from .options import option
@@ -28,6 +30,10 @@ from .registry import keyword_options, solver
 METHODS = {m.__name__: m for m in (si.RK23, si.RK45, si.DOP853, si.Radau, si.BDF, si.LSODA)}
 Advance = Callable[[float, State], tuple[float, State, np.ndarray | None]]
 Refuses = Callable[[MultibodySystem, State], str | None]
+
+
+class StepFailed(Exception):
+    """Raise it in a step or an rhs that cannot go on: the run ends as ``diverged``, with its words as the reason."""
 
 
 class Stop(Exception):
@@ -112,10 +118,13 @@ class _Steps(_FromFunction):
             nonlocal done
             done += 1
             ahead = problem.t_end if done == steps else done * dt
-            found = self.call(problem.system, s, ahead - t)
+            with step_from(t):
+                found = self.call(problem.system, s, ahead - t)
             state, reaction = found if isinstance(found, tuple) else (found, None)
             if not isinstance(state, State):
                 raise TypeError(f"a step must return a State, or a State and a reaction (got {type(state).__name__})")
+            if state.t == 0.0:  # the default; any other time is replaced by that of the step's end
+                raise ValueError(f"a step returned a state with t = 0 s at its end, t = {ahead:.6g} s; {REMEDY}")
             return ahead, state, reaction
 
         return _march(problem, control, advance, None, lambda: {"rejected": 0})  # none is ever cut
@@ -133,7 +142,8 @@ class _Rates(_FromFunction):
         cuts = np.cumsum([3, 4, 3]) * nb
 
         def rates(s: State) -> Rates:
-            found = self.call(problem.system, s)
+            with step_from(s.t):
+                found = self.call(problem.system, s)
             if not isinstance(found, Rates):
                 raise TypeError(f"an rhs must return Rates (got {type(found).__name__})")
             return found
@@ -195,8 +205,11 @@ def _march(
                 control.spool.take(times[new], _stack_states(states[new]))
     except Stop as stop:
         status, message = stop.status, stop.message
-    except (InconsistentStart, np.linalg.LinAlgError, ArithmeticError) as error:  # of a motion that has gone astray
-        status, message = Status.DIVERGED, str(error)
+    except (StepFailed, InconsistentStart, ArithmeticError) as error:  # of a motion that has gone astray
+        status, message = Status.DIVERGED, str(error) or type(error).__name__
+    except np.linalg.LinAlgError as error:
+        redundant = describe_redundant_rows(problem)
+        status, message = Status.DIVERGED, f"{error}{redundant and f': {redundant}'}"
     if status is not Status.SUCCESS:
         message = f"stopped at t = {times[-1]:.6g} s: {message}"
     own = {"evaluations": count.evaluations, "factorisations": count.factorisations} if count.evaluations else {}
@@ -206,6 +219,15 @@ def _march(
         np.array(times), _stack_states(states), status, message, {"steps": len(times) - 1, **counters(), **own},
         reaction=None if all(a is None for a in reactions) else np.array(known), cpu_time=solver_seconds() - began,
     )  # fmt: skip
+
+
+def describe_redundant_rows(problem: Problem) -> str:
+    """Return what to do about redundant constraint rows, which make the saddle-point matrix singular; else nothing."""
+    rows, rank = problem.system.nrows, len(independent_rows(problem.system, problem.initial))
+    if rank == rows:
+        return ""
+    return (f"{problem.name} has redundant rows ({rows} rows of rank {rank}): solve by least squares "
+            "(numpy.linalg.lstsq), as accelerations() does, or refuse such problems (refuses=)")  # fmt: skip
 
 
 def _check_clock(control: StepControl, began: float) -> None:

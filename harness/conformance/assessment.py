@@ -14,7 +14,6 @@ from ..catalogue import registry
 from ..code_meter import code_seconds_of_tree
 from ..referee.certificates.drift import PERIODS, analyse_drift
 from ..referee.certificates.orders import certify
-from ..referee.certificates.symmetries import check_symmetries
 from ..results.findings import Finding, state
 from ..results.judgements.runs import Order
 from ..results.records import RunRecord
@@ -23,6 +22,7 @@ from ..results.work import index_1_evaluations
 from ..sandbox.trial import make_problem
 from ..suites.spec import RunSpec, make_spec
 from ..types import Status, Trait
+from .presentations import LOOP, TREE, assess_symmetries, plan_symmetries
 
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 ENDED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
@@ -39,11 +39,6 @@ VALUES = {
     ("heavy_top", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
 }
 FIELD = ("rkmk_dopri5", "ida_index1", "scipy_strong_form")  # compared with: kernels that are compiled in a minute
-LOOP: Mapping[str, Any] = {"rows": 1, "columns": 1, "t_end": 0.2}  # three bars, revolute joints
-PRESENTED: tuple[Mapping[str, Any], ...] = (
-    {"yaw": 0.7}, {"rotation": (0.3, -0.5, 0.7)}, {"mirror": "X"}, {"renumber": 1}, {"duplicate": 1},
-    {"unit_length": 1024.0}, {"unit_mass": 1024.0}, {"unit_time": 8.0}, {"retrace": True},
-)  # fmt: skip
 LINKS = (6, 12, 24, 48)
 SWING = {"omega_z": 0.1}
 PERIOD = 0.97  # [s] of that swing
@@ -58,21 +53,13 @@ Run = TypeVar("Run", RunRecord, RunSpec)
 
 def plan_runs(solver: str, wall: float) -> list[RunSpec]:
     """All runs but the long one: ladders and symmetries first, then the problems."""
-    control = registry.solvers()[solver].control
     out = []
     for who in (solver, *FIELD):
         for name, parameters in LADDERS.items():
             kind = registry.solvers()[who].control
             values = VALUES[name, kind] if who == solver else VALUES[name, kind][1::2]
             out += [_make_spec(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
-    base = {"dt": 0.01} if control == "dt" else {"rtol": 1e-6}
-    finer = {"dt": 0.005} if control == "dt" else {"rtol": 1e-7}
-    out += [_make_spec(solver, "four_bar_grid", LOOP, c, "symmetries", wall) for c in (base, finer)]
-    if control == "dt" and (tolerance := registry.solvers()[solver].parameters.get("tolerance")):
-        tenth = {"tolerance": float(f"{0.1 * tolerance[0]:.6g}")}  # what the bound on symmetries is made of
-        out.append(_make_spec(solver, "four_bar_grid", LOOP, base, "symmetries", wall, tenth))
-    changed: tuple[Mapping[str, Any], ...] = ({"perturb": 1e-8}, *PRESENTED)
-    out += [_make_spec(solver, "four_bar_grid", {**LOOP, **p}, base, "symmetries", wall) for p in changed]
+    out += plan_symmetries(solver, "four_bar_grid", LOOP, wall)
     for links in LINKS:
         out.append(_make_spec(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
     for name in registry.problems():
@@ -107,6 +94,10 @@ def run_stages(
         records = run_stage(done, budget - (_cpu_seconds() - begun), resume)
         if records is None:
             break
+        presented = [r for r in records if r.label == "symmetries" and r.solver == solver]
+        if presented and all(r.status == Status.REFUSED for r in presented):  # redundant rows: something without any
+            stages.insert(0, plan_symmetries(solver, "random_mechanism", TREE, wall=min(20.0, budget / 6.0)))
+            specs += stages[0]
         if not long and any(s.label == "symmetries" for s in done):
             long, rest = True, budget - (_cpu_seconds() - begun)
             if (more := plan_long_run(solver, records, min(budget / 6.0, rest / 3.0))) is not None:
@@ -269,15 +260,7 @@ def _assess_symmetries(
     solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
     runs, rest = _select(solver, records, "symmetries"), len(_select(solver, left, "symmetries"))
-    found, expected = check_symmetries(folder, runs), "frames, mirror, units, numbering, time"
-    if not found:
-        yield state("symmetries", _describe_cut(rest, len(runs)), expected)
-        return
-    for s in found:
-        if s.verdict in ("broken", "failed"):
-            yield s.as_finding()
-    kept = sum(s.verdict == "holds" for s in found)
-    yield state("symmetries", f"{kept} of {len(found)} hold", expected, good=True)
+    yield from assess_symmetries(folder, runs, _describe_cut(rest, len(runs)))
 
 
 def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Finding:

@@ -36,6 +36,7 @@ EASY: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     # on a skew hinge: its axis rows carry moments, which those of a planar mechanism do not
     "easy hinge": ("random_mechanism", {"bodies": 1, "loops": 0, "springs": 0, "loads": 0, "t_end": 0.5}),
 }
+DRIVEN = {"t_end": 1.0}  # [s] of ``pumped_pendulum``: a whole period of its drive
 
 
 def runs_of(solver: str) -> dict[str, RunSpec]:
@@ -44,6 +45,7 @@ def runs_of(solver: str) -> dict[str, RunSpec]:
     fixed = control == "dt"
     values = STEPS if fixed else TOLERANCES
     out = {role: _run(solver, name, parameters) for role, (name, parameters) in EASY.items()}
+    out["driven"] = _run(solver, "pumped_pendulum", DRIVEN)
     out |= {f"finer {k}": _run(solver, BASE, MOVING, {control: value}) for k, value in enumerate(values)}
     middle = {control: values[1]}
     out["again"] = _run(solver, BASE, {**MOVING, "seed": 1}, middle)  # another run, the same motion: perturb is 0
@@ -86,6 +88,10 @@ REQUIREMENTS = (
         trials.check_accepts),
     Requirement("a refusal has a reason", "tables print it instead of numbers",
         "let refuses() return a sentence with the numbers, or None", trials.check_refusals),
+    Requirement("it follows drives in time",
+        "drives and loads are functions of time: a state without its time follows those of t = 0",
+        "pass the time on: State(r, R, v, Omega, t), at stages and iterates, too; or refuse moving constraints",
+        trials.check_drives),
     Requirement("errors fall with the declared order, or with rtol",
         "a scheme that does not converge solves another equation; reports compare runs with the declared order",
         "nearly 0: a missing term or wrong sign leaves an error that stays; lower: look for a stage or projection of "

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..catalogue import registry
+from ..catalogue.functions import describe_redundant_rows
 from ..metrics.reactions import exact_moment_on_bodies, instants_to_compare, moment_on_bodies
 from ..reference.computation import reference_of
 from ..results.findings import Finding, compare, fail, leave_open
@@ -56,6 +57,8 @@ def check_endings(e: Evidence) -> Finding:
     open_ = [r for r in e.of("easy") if r.status == Status.UNFINISHED]
     cause = _cause_of_crash(bad[0]) if bad else ""
     words, remedy = _describe_first(bad or open_), CRASHED if cause else ""
+    if bad and bad[0].status in (Status.DIVERGED, Status.SINGULAR, Status.CRASHED):
+        remedy = "; ".join(filter(None, (describe_redundant_rows(_problem_of(bad[0])), remedy)))
     return compare(
         len(bad), f"of {len(easy)} runs failed", most=0, words=words, tested=bool(easy), remedy=remedy, cause=cause
     )
@@ -69,6 +72,20 @@ def check_accepts(e: Evidence) -> Finding:
         return fail(_describe_first(crashed), cause=_cause_of_crash(crashed[0]), remedy=CRASHED)
     taken = len(easy) - len(refused) - len(crashed)
     return compare(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused))
+
+
+def check_drives(e: Evidence) -> Finding:
+    """Whether the motion under a drive is a success; refused where the solver takes no drives."""
+    r = e.records["driven"]
+    if r.status in (Status.REFUSED, Status.UNFINISHED):
+        return leave_open(_describe_first([r]))
+    if cause := _cause_of_crash(r):
+        return fail(_describe_first([r]), remedy=CRASHED, cause=cause)
+    good = r.status == Status.SUCCESS
+    if not good and any(x.status not in (Status.SUCCESS, Status.REFUSED) for x in e.of("easy")):
+        return leave_open("it fails without drives, too: see above")
+    error = r.motion_error_max_m
+    return compare(error, "m off the exact motion", words=r.case if good else _describe_first([r]), good=good)
 
 
 def check_refusals(e: Evidence) -> Finding:

@@ -39,7 +39,7 @@ def check_motion(
     notes += say_norms(found) + describe_rest(motion.t, problem.t_end)
     if motion.t[0] > 0.0:
         notes.append(f"its first row is at t = {motion.t[0]:.6g} s: the start of {problem.name} was put before it")
-    if "E" in found.quantities and how.euler == "none" and not {"q", "R"} & found.quantities.keys():
+    if "E" in found.quantities and not how.reads_euler and not {"q", "R"} & found.quantities.keys():
         notes.append("not read: Euler angles; --euler gives the order of their axes")
     rates = {
         "v": lambda: differentiate(motion.t, motion.r),

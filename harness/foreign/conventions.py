@@ -12,6 +12,7 @@ OF_LENGTH = LENGTHS | {"km": 1e3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e
 OF_TIME = TIMES | {"sec": 1.0, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0}
 OF_ANGLE = ANGLES | {"°": math.pi / 180.0, "degree": math.pi / 180.0, "degrees": math.pi / 180.0, "radian": 1.0,
                      "radians": 1.0, "mrad": 1e-3}  # fmt: skip
+UNSAID = "unsaid"  # files with nothing but Euler angles are refused then
 NONE = ("", "-", "1", "--")  # a number without a unit
 
 
@@ -25,7 +26,12 @@ class Reading:
     quaternion: str = "wxyz"
     rotation: str = "body-to-space"
     omega: str = "body"
-    euler: str = "none"  # axes of Euler angles, in the order of their columns
+    euler: str = UNSAID  # axes of Euler angles, in the order of their columns; none: they are left out
+
+    @property
+    def reads_euler(self) -> bool:
+        """Whether Euler angles are orientations."""
+        return self.euler not in (UNSAID, "none")
 
 
 CHOICES: dict[str, tuple[str, ...]] = {

@@ -31,6 +31,8 @@ from .checks import check_motion
 from .columns import Quantities, find_quantities
 from .conventions import Reading
 from .determinacy import Determined, find_determined, judge_again, measure_uncertainty
+from .hints import suggest_reading
+from .left_out import check_left_out
 from .reading import Motion, Origin, perturb_roundings, read_motion
 from .rows import begin_at_start, check_euler, check_units, clean_rows
 from .tables import READERS, Table, read_table
@@ -79,6 +81,9 @@ def judge_file(
     job = Job(spec, folder or Path(), REFEREED, _digest_file(table, given))
     record, m = judge_motion(job, problem, trajectory)
     record, m = judge_again(record, m, known, unsure), known.blank_undetermined(m)
+    check_left_out(problem, path, record)
+    if hints := suggest_reading(problem, found, given.reading, motion):
+        record = dataclasses.replace(record, notes=json.dumps([*json.loads(record.notes), *hints]))
     errors, drifts = (_drop_undetermined(x, known) for x in (record.observable_errors, record.invariant_drifts))
     record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
     if folder is None:

@@ -64,7 +64,7 @@ def read_rotations(found: Quantities, how: Reading) -> Float[np.ndarray, "nt nb 
         R[known] = Rotation.from_quat(good[known], scalar_first=first).as_matrix()
     elif "R" in found.quantities:
         R = found.quantities["R"].reshape(*found.quantities["R"].shape[:2], 3, 3)
-    elif "E" in found.quantities and how.euler != "none":
+    elif "E" in found.quantities and how.reads_euler:
         angles = found.factor("E", how) * found.quantities["E"]
         known = np.all(np.isfinite(angles), axis=-1)
         R = np.full((*angles.shape[:2], 3, 3), np.nan)

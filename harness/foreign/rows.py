@@ -11,7 +11,7 @@ from ..files import FileError
 from ..mechanics.dynamics import accelerations
 from ..types import Problem
 from .columns import Quantities
-from .conventions import Reading
+from .conventions import UNSAID, Reading
 from .reading import FEWEST, Motion
 
 GAPS = 0.05  # of the rows may be no numbers and are left out; beyond it the file has no motion there
@@ -97,8 +97,12 @@ def reach_until(problem: Problem, t: float) -> dict[str, float]:
 
 
 def check_euler(found: Quantities, how: Reading, path: Path) -> None:
-    """FileError where a column of roll, pitch or yaw would turn about an axis that is not x, y or z."""
-    if how.euler == "none" or not {*found.angles} <= {"roll", "pitch", "yaw"} or not found.angles:
+    """FileError where the axes of Euler angles, the only orientations, are not given or not those of their names."""
+    if how.euler == UNSAID and "E" in found.quantities and not {"q", "R"} & found.quantities.keys():
+        remedy = ("--euler gives their axes in the order of the columns (ZXZ, ZYX and others; small letters: fixed in "
+                  "space), --euler none leaves them out")  # fmt: skip
+        raise FileError(f"{path}: its orientations are Euler angles: {remedy}")
+    if not how.reads_euler or not {*found.angles} <= {"roll", "pitch", "yaw"} or not found.angles:
         return
     letters = {"roll": "x", "pitch": "y", "yaw": "z"}
     wanted = "".join(letters[k] for k in found.angles)

@@ -19,7 +19,7 @@ from ..results.store import newest
 from ..results.words import why
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Status
-from .thresholds import Expectation, Threshold, Thresholds, four_digits, propose_bounds
+from .thresholds import ERRORS, Expectation, Threshold, Thresholds, four_digits, propose_bounds
 
 CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
 STATUS, NONE = "status", "no threshold"  # of a run, beside the metrics that have bounds
@@ -32,6 +32,8 @@ MISSING = "no result: the run is missing"
 OTHER_CODE = "result of other code, so the run is missing (--any-code accepts it)"
 ABSENT = "not measured here: {}"
 UNNAMED = "{}; without it, the other runs are judged with --without {}"
+SMALLER = "smaller than its lower bound: better than it was, or the run does less; if meant, --update --loosen takes it"
+REACHED_END = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
 ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 
@@ -158,6 +160,8 @@ def judge(
     found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in judged]
     found += [_finding(Verdict.FAILED, case, STATUS, UNKNOWN) for case in statuses if case not in by_case]
     broken = _list_broken(found)
+    cut = {case for case, r in by_case.items() if r and case in broken and Status(r.status) not in REACHED_END}
+    found = [f for f in found if not (f.subject in cut and f.verdict is Verdict.MET)]  # zeros of a run without a step
 
     def order(f: Finding) -> tuple[int, bool, bool, str, str]:
         metric = f.measured.quantity
@@ -241,7 +245,9 @@ def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
     words, verdict = b.reason, Verdict.of(b.holds(value))
     if math.isnan(value):
         words, verdict = missing if record is None else f"not measured: the run was {record.status}", Verdict.FAILED
-    elif b.expect == "fail":
+    elif value < b.lower and b.metric in ERRORS:
+        words = f"{SMALLER}; {b.reason}"
+    if b.expect == "fail" and not math.isnan(value):
         verdict = Verdict.XPASS if b.holds(value) else Verdict.XFAIL
     required = Required(words=_range(b), why=words)
     return Finding(Measured(b.metric, value, b.unit), required, verdict, b.case, before=b.value)

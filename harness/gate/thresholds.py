@@ -22,6 +22,7 @@ UNITS = {
     "energy_drift_max_J": "J", "energy_scale_J": "J", "phi_max": "m", "phi_dot_max": "m/s",
     "position_error_max_m": "m", "orientation_error_max_rad": "rad", "reaction_error_max_N": "N",
 }  # fmt: skip
+ERRORS = tuple(name for name in UNITS if name != "energy_scale_J")  # which are better if smaller
 ENDS = re.compile(r"_(m_per_s|rad_per_s|MB|rad|J|W|N|m|s)$")  # of a column's name: its unit
 METRICS = tuple(c.name for c in COLUMNS if c.type in (float, int))
 

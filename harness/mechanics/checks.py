@@ -1,5 +1,7 @@
 """Checks of the data of a system: ValueError naming the part."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from .added_inertia import NONE
@@ -31,8 +33,24 @@ def check_body(name: str, mass: float, inertia: np.ndarray) -> None:
         )
 
 
-def check_ends(k: int, i: int, j: int, nb: int, name: str = "") -> None:
+VECTORS = ("gravity", "s_i", "s_j", "p_i", "p_j", "point", "force", "torque", "axis_i", "axis_j", "across_i",
+           "across_j")  # fmt: skip
+
+
+def check_vectors(where: str, parts: Mapping[str, object]) -> None:
+    """Raise ValueError where a point or direction is given that is not three numbers."""
+    for name, value in parts.items():
+        if name not in VECTORS or value is None:
+            continue
+        try:
+            good = np.asarray(value, dtype=float).shape == (3,)
+        except (TypeError, ValueError):
+            good = False
+        if not good:
+            raise ValueError(f"{where}: {name} must be three numbers (got {value!s:.60})")
+
+
+def check_ends(where: str, i: int, j: int, nb: int) -> None:
     """Two bodies, or one and the ground."""
     if not (0 <= i < nb and -1 <= j < nb and i != j):
-        where = f"part {k} ({name})" if name else f"part {k}"
         raise ValueError(f"{where}: expected body i in 0..{nb - 1} and j another body or -1, the ground (got {i}, {j})")

@@ -44,8 +44,21 @@ def check_start(
             )
         raise InconsistentStart(
             f"{what} must satisfy the constraints: expected |phi| and |phi_dot| < {START_TOLERANCE:g} "
-            f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g}, most at joint {system.joint_names[joint]!r})"
+            f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g}, most at joint {system.joint_names[joint]!r}"
+            f"{_describe_gap(system, one, joint, row) if phi > START_TOLERANCE else ''})"
         )
+
+
+def _describe_gap(system: MultibodySystem, s: States, joint: int, row: int) -> str:
+    """Return what is open at a joint: its points are apart, or its axes differ; nothing of other rows."""
+    phi, first = constraint(system, s)[0], int(system.row_start[joint])
+    points, axis = system.joint_points[joint], system.axis_rows()
+    if row < first + points:
+        return f": its points are {np.linalg.norm(phi[first : first + points]):.4g} m apart"
+    own = axis.row[axis.joint == joint][:2]
+    if len(own) < 2 or row not in own:  # a third row is the turn about the axis, a single one an angle of 90 deg
+        return ""
+    return f": its axes differ by {np.degrees(np.arcsin(min(float(np.linalg.norm(phi[own])), 1.0))):.4g} deg"
 
 
 def project(system: MultibodySystem, state: State, iterations: int = 20) -> State:

@@ -44,7 +44,7 @@ class Equations:
 
 @count_calls(factorises=False)
 def equations(system: MultibodySystem, s: State) -> Equations:
-    """Equations that ``accelerations`` solves."""
+    """Return the equations that ``accelerations`` solves; ``A_dot_v`` is a difference of sixth order."""
     M = np.zeros((system.nb, 6, 6))
     M[:, range(3), range(3)] = system.mass[:, None]
     M[:, 3:, 3:] = system.regular_inertia

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from ..text import check_text
 from .added_inertia import compute_added_inertia, principal
-from .checks import check_body, check_ends, freeze_array
+from .checks import check_body, check_ends, check_vectors, freeze_array
 from .forces import Load, SpringDamper, TorsionSpring
 from .joints import (
     DECLARED,
@@ -224,9 +224,15 @@ def assemble(
     """Arrays from parts, or ValueError naming the invalid part."""
     for k, body in enumerate(bodies):
         check_body(body.name or f"body {k + 1}", body.mass, body.inertia)
-    parts: tuple[Joint | SpringDamper | TorsionSpring | UserForce, ...] = (*joints, *springs, *torsions, *user_forces)
-    for k, part in enumerate(parts):
-        check_ends(k, part.i, part.j, len(bodies), getattr(part, "name", ""))
+    groups: dict[str, Sequence[Joint | SpringDamper | TorsionSpring | UserForce]] = {
+        "joint": joints, "spring": springs, "torsion": torsions, "user force": user_forces,
+    }  # fmt: skip
+    for kind, parts in groups.items():
+        for k, part in enumerate(parts):
+            where = f"{kind} {k} ({name})" if (name := getattr(part, "name", "")) else f"{kind} {k}"
+            check_ends(where, part.i, part.j, len(bodies))
+            check_vectors(where, vars(part))
+    check_vectors("the system", {"gravity": gravity})
     for name, some in (("spring", springs), ("torsion", torsions)):
         for k, spring in enumerate(some):
             for what in ("stiffness", "damping", "rest_length"):
@@ -234,6 +240,7 @@ def assemble(
                 if not (np.isfinite(value) and value >= 0.0):
                     raise ValueError(f"{name} {k}: {what} must be finite and >= 0 (got {value})")
     for k, load in enumerate(loads):
+        check_vectors(f"load {k}", vars(load))
         if not 0 <= load.i < len(bodies):
             raise ValueError(f"load {k}: expected a body in 0..{len(bodies) - 1} (got {load.i})")
     single = [(k, one) for k, joint in enumerate(joints) for one in select_rows(k, joint)]  # k as the user counts

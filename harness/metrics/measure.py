@@ -1,6 +1,6 @@
 """Measure a trajectory: one code for every solver, from (t, r, R, v, Omega) alone.
 
-``measure`` gives the series; the columns of a record are read off them in ``harness.summary``.
+``measure`` gives the series; the columns of a record are read off them in ``harness.metrics.summary``.
 """
 
 import math

@@ -1,8 +1,9 @@
 """The search for the setting of a solver that meets an error at the least cost, by the observed order."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from ..catalogue import registry
 from ..results.records import RunRecord
@@ -26,13 +27,14 @@ def cost_of(r: RunRecord) -> tuple[float, float]:
 
 @dataclass
 class Candidate:
-    """A solver with its default options, and its runs so far."""
+    """A solver with its options, and its runs so far."""
 
     solver: str
     problem: Problem
     error: float  # [m] asked for
     limit: float  # [s] of CPU time a run
     runs: list[RunRecord] = field(default_factory=list)
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def control(self) -> str:
@@ -73,7 +75,9 @@ class Candidate:
         most = self.problem.t_end / 4.0 if self.control == "dt" else LOOSEST
         if value is None or not least <= value <= most or any(abs(value / v - 1.0) < 0.05 for v in tried):
             return None
-        return make_spec(self.problem, self.solver, None, {self.control: float(f"{value:.3g}")}, cpu_limit=self.limit)
+        return make_spec(
+            self.problem, self.solver, self.options, {self.control: float(f"{value:.3g}")}, cpu_limit=self.limit
+        )
 
     def setting(self, r: RunRecord) -> float:
         """dt [s] or rtol of a run."""

@@ -30,7 +30,7 @@ def column(doc: str, default: Any = NAN) -> Any:
     return dataclasses.field(default=default, metadata={"doc": doc})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RunRecord:
     """One run. NaN (or an empty string) where a quantity does not exist, e.g. an error without a reference."""
 
@@ -195,6 +195,10 @@ class RunRecord:
     environment: str = column("its machine and packages: environment.<this>.json of the results folder", "")
     finished: str = column("UTC time the run ended, ISO 8601", "")
     schema: int = column("version of these columns", SCHEMA)
+
+    def __repr__(self) -> str:
+        words = f"{self.status or 'no status'}{f', {self.steps} steps' if self.steps else ''}; vars() has all columns"
+        return f"<RunRecord {self.case or 'without a case'}: {words}>"
 
 
 COLUMNS: tuple[dataclasses.Field, ...] = dataclasses.fields(RunRecord)

@@ -34,13 +34,14 @@ TOGETHER = (  # series of which a file has all or none
     {"frame_t", "frame_r", "frame_q"},
 )  # fmt: skip
 OTHER = ("end_", "start_", "joint_", "gravity", "system_", LAST, MARKS, "bundled_")  # not along time
+NAMED = 8  # series in a line
 
 
 class Enveloped(FileError):
     """Every step of a series is asked for that is kept as an envelope."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Series:
     """The arrays of one series file by name, as listed in ``docs/results-format.md``; all read-only.
 
@@ -58,6 +59,13 @@ class Series:
     envelopes: Mapping[str, Envelope] = field(default_factory=dict)
     steps_sha256: str = ""  # of all accepted steps, whether kept or not; empty in older files
     length: float = math.nan  # [m] of the motion, where what is drawn is packed
+
+    def __repr__(self) -> str:
+        t, inner = self.arrays.get("t", np.zeros(0)), ("diag_", *POSES, *OTHER)
+        names = sorted({*self.arrays, *self.envelopes} - {"t"}, key=lambda k: (k.startswith(inner), k))
+        until = f" to {t[-1]:.6g} s" if len(t) else ""
+        more = f" and {len(names) - NAMED} more, which .names('') has" if names[NAMED:] else ""
+        return f"<Series of {len(t)} times{until}: {', '.join(names[:NAMED]) or 'nothing'}{more}>"
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name in self.envelopes:

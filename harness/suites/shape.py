@@ -17,7 +17,7 @@
     # parameters = [{ yaw = 0.7 }, { mirror = "X" }]    # a list of tables: one after the other; options likewise
     solver = ["gc_weak_form", "rk45_strong_form"]
     options = { "alpha, beta" = [0.0, 5.0] }    # two keys with the same value
-    dt = [0.02, 0.01]           # goes to the solvers controlled by dt, rtol and max_step to the others
+    dt = [0.02, 0.01]           # beside rtol: dt goes to the solvers controlled by it, rtol and max_step to the others
     rtol = 1e-8
     # rtol = { from = 0.1, to = 1e-5, per_decade = 20 }         # a sweep, to three digits; options likewise
 """

@@ -88,6 +88,12 @@ def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, A
     return StepControl(**values)
 
 
+def check_step(dt: float | None, t_end: float) -> None:
+    """Raise ValueError where a step that was asked for is longer than the motion: a unit was meant otherwise."""
+    if dt is not None and dt > t_end * (1.0 + 1e-9):
+        raise ValueError(f"dt = {dt:g} s is longer than the motion, which ends at {t_end:g} s")
+
+
 def _positive(name: str, given: Any) -> Any:
     whole = name == "max_steps"
     wanted = "a whole number > 0 that fits 64 bits" if whole else "a finite number > 0"

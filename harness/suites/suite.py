@@ -40,6 +40,7 @@ class Suite:
     included: tuple[tuple[str, str], ...] = ()  # name and text of the suites it includes, for the results folder
     total_limit: float | None = None  # [s] CPU time of all runs together, for each at a time
     parts: Mapping[str, frozenset[str]] = field(default_factory=dict)  # settings_id of runs, by suite that it includes
+    not_combined: tuple[str, ...] = ()  # "rattle with rtol": solvers with keys of their groups that others take
 
 
 def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:
@@ -61,20 +62,20 @@ def _build_suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     if files:  # foreign code may hang, crash or leave when it is loaded or makes a problem
         try:
             loaded = ", ".join(Path(f).name for f in files)
-            specs, parts = try_apart(f"{own.where} with {loaded}", lambda: _collect_specs(own, sources, files))
+            specs, parts, rest = try_apart(f"{own.where} with {loaded}", lambda: _collect_specs(own, sources, files))
         except ValueError as error:
             raise FileError(" ".join(str(error).split())) from None
     else:
-        specs, parts = _collect_specs(own, sources, files)
+        specs, parts, rest = _collect_specs(own, sources, files)
     included = tuple((s.name, s.text) for s in sources[:-1])
     name, words, total = own.file.name or own.name, own.file.description, own.file.total_limit
-    return Suite(name, words, tuple(specs.values()), own.text, files, included, total, parts)
+    return Suite(name, words, tuple(specs.values()), own.text, files, included, total, parts, rest)
 
 
 def _collect_specs(
     own: Source, sources: list[Source], files: tuple[str, ...]
-) -> tuple[dict[str, RunSpec], dict[str, frozenset[str]]]:
-    """Return the runs of all files by their settings, each as first met, and the settings of each included suite."""
+) -> tuple[dict[str, RunSpec], dict[str, frozenset[str]], tuple[str, ...]]:
+    """Return the runs of all files by their settings, the settings of each included suite, and what is not combined."""
     try:
         for file in files:
             registry.load_plugin(file)
@@ -91,7 +92,9 @@ def _collect_specs(
             specs.setdefault(settings, spec)
         if len(specs) > MOST_RUNS:
             raise FileError(f"{own.where}: a suite has at most {MOST_RUNS:,} runs, with those that it includes")
-    return specs, {s.name: parts[Path(s.where).resolve()] for s in sources[:-1]}
+    groups = (_add_defaults(group, s.file.defaults) for s in sources for group in s.file.runs)
+    rest = tuple(dict.fromkeys(words for group in groups for words in list_not_combined(group)))
+    return specs, {s.name: parts[Path(s.where).resolve()] for s in sources[:-1]}, rest
 
 
 def _resolve_plugins(s: Source) -> list[str]:
@@ -142,6 +145,17 @@ def _select_control(group: Group, entry: registry.SolverEntry) -> dict[str, Any]
         for other in ("rtol", "max_step") if entry.control == "dt" else ("dt",):
             control.pop(other, None)
     return control
+
+
+def list_not_combined(group: Group) -> list[str]:
+    """Return the solvers of a group with its keys that they do not take: "rattle with rtol"."""
+    solvers = [(name, registry.solvers()[name]) for name in _as_tuple(group.solver)]
+    return [
+        f"{name} with {key}"
+        for name, entry in solvers
+        for key in group.select(*CONTROL)
+        if key not in _select_control(group, entry)
+    ]
 
 
 def _count_tables(given: Tables | None, known: Mapping[str, tuple[Any, Any]]) -> int:

@@ -80,7 +80,7 @@ class Reference(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Problem:
     """A system, its start, and all that is known about its motion.
 
@@ -117,6 +117,13 @@ class Problem:
             check_text(f"problem {self.name}: unit of {kind} {one.name}", one.unit)
         if 0.0 < self.t_end < math.inf:
             check_axes(self.system, self.initial, self.t_end)
+
+    def __repr__(self) -> str:
+        given = f"[{', '.join(f'{k}={v}' for k, v in self.parameters.items())}]" if self.parameters else ""
+        s = self.system
+        bodies = "1 body" if s.nb == 1 else f"{s.nb} bodies"
+        joints = "1 joint" if s.nj == 1 else f"{s.nj} joints"
+        return f"<Problem {self.name}{given}: {bodies}, {joints}, {s.nrows} rows; {self.t_end:g} s, dt = {self.dt:g} s>"
 
     def home(self, s: States) -> States:
         """``s`` seen from the home frame."""

@@ -57,7 +57,7 @@ class StepControl:
             raise ValueError(f"max_steps must be >= 1 (got {self.max_steps})")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trajectory:
     """The solver's own accepted steps, never resampled; on failure those up to it.
 
@@ -89,10 +89,14 @@ class Trajectory:
             raise ValueError("the times of a trajectory must be finite and increase")
         object.__setattr__(self, "states", self.states.with_times(t))
 
+    def __repr__(self) -> str:
+        bodies = "1 body" if self.states.nb == 1 else f"{self.states.nb} bodies"
+        return f"<Trajectory of {bodies} at {len(self.t)} times to {self.t[-1]:.6g} s: {self.status}>"
+
 
 @runtime_checkable
 class Solver(Protocol):
-    """A frozen dataclass of options (module ``harness.options``) with two methods; one file in ``solvers/`` each.
+    """A frozen dataclass of options (``harness.catalogue.options``) with two methods; one file in ``solvers/`` each.
 
     A solver of fixed steps may also say ``order``, the order in dt that certificates hold it to. ``paper_label`` and
     ``order`` are class variables, or properties where they depend on the options.

@@ -23,7 +23,7 @@ from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator
 
 from ...harness.places import Place
 from ..model.words import SUPERSCRIPTS
-from .spec import DASHES, ENGINE, Axis, Look, Plot, Trace
+from .spec import DASHES, ENGINES, Axis, Look, Plot, Trace
 
 ROOM = 0.8  # of the height of a panel: a legend over it would be larger than what it explains
 NAMED = 14  # traces that a legend names; of more, only the solvers
@@ -148,14 +148,17 @@ def _draw(ax: Axes, trace: Trace, look: Look, floors: tuple[float, float], phase
         u = np.log(x) if floors[0] > 0.0 else x
         spots = np.searchsorted(u, u[0] + (np.arange(5) + phase) / 5.0 * (u[-1] - u[0]))
         spots = np.minimum(spots, len(x) - 1)  # a path may turn back
-        style |= {"markevery": np.unique(spots).tolist(), "marker": look.marker * bool(trace.solver and trace.marked)}
+        style |= {
+            "markevery": np.unique(spots).tolist(),
+            "marker": look.marker if trace.solver and trace.marked else "",
+        }
     else:
         style["marker"] = ""
         for k, end in enumerate(ends):
             hollow = trace.hollow or trace.x[k] < x[k] or trace.y[k] < y[k]
             if not end:
                 size = 2.0 if len(x) > CROWD else 8.0 if trace.hollow else 4.5
-                ax.plot(x[k], y[k], look.marker, color=look.colour, markersize=size, zorder=4,
+                ax.plot(x[k], y[k], marker=look.marker, linestyle="", color=look.colour, markersize=size, zorder=4,
                         markerfacecolor="none" if hollow else look.colour)  # fmt: skip
     ax.plot(x, y, zorder=3 if trace.solver else 5, **style)
     for k, end in enumerate(ends):
@@ -180,7 +183,7 @@ def _handles(traces: Sequence[Trace], looks: Mapping[str, Look], wrap: int, most
         look = looks.get(t.solver, INKED)
         style = _style(t, look) | ({} if t.solver or t.hollow else {"marker": ""})
         shown = name if name == t.name else t.who or t.solver
-        words = f"{plain(shown)} (engine)" if look.marker == ENGINE else plain(shown)
+        words = f"{plain(shown)} (engine)" if look.family == ENGINES else plain(shown)
         out.append(Line2D([], [], **style, label=fill(words, wrap)))
     out.sort(key=lambda h: str(h.get_label()).endswith("(engine)"))
     for symbol, kind, text in (("*", "failed", "stopped early"), ("X", "wrong", "false success")):

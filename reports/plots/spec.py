@@ -1,13 +1,14 @@
 """The plot model: what is drawn, on which axes, for whom. Built once; ``browser`` and ``printed`` draw it.
 
 A colour for each family of methods, a marker for each solver of it, a dash for each of its settings, everywhere: both
-follow from the solver's name and the catalogue, not from who else took part. Colours of two families are at least 15
+follow from the solver's name and the catalogue, not from who else took part; figures in print may have no colour, so
+that there no two solvers have one marker. Colours of two families are at least 15
 apart in CIEDE2000 as seen with protanopia, deuteranopia and tritanopia, and stand out on white and on dark pages.
 """
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -25,6 +26,7 @@ ENGINES, PLUGINS = "engines", "others"
 OTHERS = {ENGINES: "#A499CF", PLUGINS: "#7C6071"}
 MARKERS = ("o", "s", "^", "D", "v", "P", "h", "p")
 ENGINE = "<"  # the marker of engines
+IN_PRINT = (*MARKERS, ENGINE, ">", "d", "H", "8", (3, 2, 0), (4, 1, 0))  # the star and the cross mark ends of runs
 DASHES: tuple[tuple[float, Sequence[float]], ...] = ((0, ()), (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 CATALOGUE = Path(__file__).resolve().parents[2] / "solvers"
 MOST = 7  # solvers in colour
@@ -110,7 +112,7 @@ class Look:
     """Look of a solver."""
 
     colour: str
-    marker: str
+    marker: str | tuple[int, int, int]  # a name or, in print, sides, style and angle of matplotlib
     family: str = ""
 
 
@@ -130,6 +132,17 @@ def shipped_looks() -> dict[str, Look]:
 def looks(solvers: Iterable[str]) -> dict[str, Look]:
     """A look for every solver; those of plug-ins share a colour."""
     return {name: shipped_looks().get(name) or _other(name) for name in sorted(set(solvers))}
+
+
+def looks_in_print(solvers: Iterable[str]) -> dict[str, Look]:
+    """Return ``looks`` in which no two solvers have one marker, as far as there are markers."""
+    found, taken = looks(solvers), set[str | tuple[int, int, int]]()
+    for name, look in found.items():
+        free = look.marker not in taken
+        marker = look.marker if free else next((m for m in IN_PRINT if m not in taken), look.marker)
+        found[name] = replace(look, marker=marker)
+        taken.add(marker)
+    return found
 
 
 def _other(name: str) -> Look:

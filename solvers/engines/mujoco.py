@@ -17,7 +17,7 @@ MJCF file that the problem was read from, at its timestep: what its author runs.
 
 import contextlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import ModuleType
 from typing import Any, ClassVar
 
@@ -92,6 +92,8 @@ class MuJoCo(Clocked):
         """Why MuJoCo cannot take the problem, or None."""
         if (reason := missing("mujoco") or beyond(problem.system, self.takes)) is not None:
             return reason
+        if (reason := self._describe_ignored()) is not None:
+            return reason
         if self.settings == "file" and (reason := _not_as_in_file(problem, control)) is not None:
             return reason
         try:
@@ -99,6 +101,15 @@ class MuJoCo(Clocked):
         except ValueError as error:  # of its compiler, e.g. an inertia that no body can have
             return f"MuJoCo does not take the model: {' '.join(str(error).split())}"
         return model_refusal(self.name, problem, model.at_start())
+
+    def _describe_ignored(self) -> str | None:
+        """Return which options the settings of others would take the place of, or None."""
+        own = [f for f in fields(self) if f.name != "settings"]
+        ignored = [f.name for f in own if self.settings != "ours" and getattr(self, f.name) != f.default]
+        if not ignored:
+            return None
+        whose = "the file" if self.settings == "file" else "MuJoCo as it ships"
+        return f"settings={self.settings} takes {', '.join(ignored)} from {whose}: leave {', '.join(ignored)} out"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """MuJoCo's own loop (``rollout``) with the fixed step ``control.dt``."""

@@ -119,6 +119,50 @@ def test_solvers_that_are_there_at_once_make_the_first_table(capsys, monkeypatch
     assert "not installed: drake; add engines: make engines" in out and out.count("drake") == 1
 
 
+def test_it_says_what_share_of_the_motion_the_error_is(capsys, monkeypatch):
+    """An error of a tenth of the motion and more asks for nothing."""
+
+    def watched(request, **_):
+        (s,) = request.suite.specs
+        record = RunRecord(
+            settings_id=s.settings_id, solver=s.solver, case=s.case, status="success", control="dt",
+            dt_s=s.control.dt, motion_error_judged_m=5e-4, cpu_median_s=0.1, length_scale_m=1.4e-3,
+        )  # fmt: skip
+        return Loaded((record,), ()), None
+
+    monkeypatch.setattr(command, "run_watched", watched)
+    line = ["advise", "chain", "--t-end", "0.1", "--solver", "rattle", "--error"]
+    assert main([*line, "1e-3"]) == 0
+    said = capsys.readouterr().out
+    assert "the farthest that a body moves is 0.0014 m, of which 0.001 m is 71 %: ask for less" in said
+    assert main([*line, "6e-4", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["reach_m"] == 1.4e-3
+
+
+def test_options_of_the_one_solver_are_searched_with(capsys, monkeypatch):
+    """They are in all its runs and its name; without one solver, or for what is searched, they are refused."""
+    asked = []
+
+    def watched(request, **_):
+        asked.extend(request.suite.specs)
+        raise Stopped
+
+    monkeypatch.setattr(command, "run_watched", watched)
+    line = ["advise", "chain", "--t-end", "0.1", "--error", "1e-3"]
+    with pytest.raises(Stopped):
+        main([*line, "--solver", "ida_index1", "--set", "alpha=2"])
+    assert [s.options for s in asked] == [{"alpha": 2.0}]
+    capsys.readouterr()
+    for more, words in (
+        (["--set", "alpha=2"], "one --solver"),
+        (["--solver", "ida_index1", "--set", "alhpa=2"], "did you mean 'alpha'"),
+        (["--solver", "ida_index1", "--set", "rtol=1e-5"], "the search chooses it"),
+        (["--solver", "rattle", "--solver", "ida_index1", "--set", "alpha=2"], "one --solver"),
+    ):  # fmt: skip
+        assert main([*line, *more]) == 2
+        assert words in capsys.readouterr().err
+
+
 def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
     """Runs of two solvers: both meet 1e-5 m, the table says which is cheaper, by how much, with its setting."""
     monkeypatch.chdir(tmp_path)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
+from mbsbench.cli.solve import find_last_message
 from mbsbench.harness.results.environment import ROOT
 
 from ..harness.conftest import PLUGIN
@@ -200,6 +201,14 @@ def test_solve_prints_its_numbers_where_nothing_can_be_written(capsys, monkeypat
     assert err.startswith("error: cannot write free_fall-exact.npz: ") and "give --out" in err and err.count("\n") == 1
     assert main([*line, "--json"]) == 2
     assert json.loads(capsys.readouterr().out)["out"] is None
+
+
+def test_of_a_standard_error_the_last_message_is_shown():
+    """A warning has its line of code below it, a traceback its error at the end."""
+    warning = "x.py:3: RuntimeWarning: overflow in multiply\n  return a[..., NEXT] * b[..., LAST]\n"
+    assert find_last_message(warning) == "x.py:3: RuntimeWarning: overflow in multiply"
+    assert find_last_message("Traceback:\n  File x\n    y\nValueError: no\n") == "ValueError: no"
+    assert find_last_message("  indented alone") == "  indented alone"
 
 
 SUITE = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises"]\n'

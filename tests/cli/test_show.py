@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shlex
 import shutil
 
@@ -13,6 +14,8 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from mbsbench.cli.__main__ import main
+from mbsbench.cli.arguments import UsageError
+from mbsbench.cli.show import find_run
 from mbsbench.cli.terminal import BARS, Column, fit_table, sparkline, timeline
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.results import store
@@ -86,6 +89,21 @@ def test_filters_and_sort(shown):
 def test_unknown_names_are_reported_in_one_line(shown, arguments, words):
     code, out, err = shown(*arguments)
     assert code == 2 and words in err and err.count("\n") == 1 and not out
+
+
+def test_an_id_of_another_folder_is_answered_with_ids(folder, shown, tmp_path):
+    """Those that are here, and the folder beside that has it."""
+    mine, other = tmp_path / "mine", tmp_path / "other"
+    for one in (mine, other):
+        shutil.copytree(folder, one)
+    (gone, *_) = sorted((mine / "runs").glob("*.json"))
+    gone.unlink()
+    found = store.load(mine).records
+    with pytest.raises(UsageError, match=f"no run '{gone.stem[:7]}' in these results: it is of other"):
+        find_run(found, gone.stem[:7], mine)
+    shutil.rmtree(other)
+    with pytest.raises(UsageError, match=re.escape(f"which has {found[0].run_id[:7]} ({found[0].case}), ")):
+        find_run(found, gone.stem[:7], mine)
 
 
 def test_one_run_in_full(folder, shown):

@@ -120,7 +120,7 @@ def test_run(objects):
     """One object at its end: where, how many, how they ended."""
     (said,) = objects("run", "small.toml", "--out", "c")
     assert said["runs"] == 4 and said["statuses"] == {"success": 2, "crashed": 2}
-    assert said["folder"] == "c" and said["not_begun"] == 0
+    assert said["folder"] == "c" and said["not_begun"] == 0 and said["not_combined"] == []
 
 
 def test_list(objects):

@@ -8,20 +8,23 @@ import re
 from functools import partial
 from importlib import import_module
 
+import msgspec
 import pytest
 from markupsafe import escape
 
 from mbsbench.cli.__main__ import main
 from mbsbench.cli.progress import run_watched
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.conformance import assessment
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.conformance import assessment, presentations
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.run import run_here
+from mbsbench.harness.mechanics.jacobian import independent_rows
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.findings import Finding, Verdict
-from mbsbench.harness.results.judgements.runs import Order
+from mbsbench.harness.results.judgements.runs import Order, Symmetry, Unjudged
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Trait
@@ -107,7 +110,7 @@ def test_the_runs_are_what_the_certificates_need(solver):
         assert sum(s.problem == name and s.label == "ladder" and s.solver == solver for s in specs) > 4
     presented = [s for s in specs if s.label == "symmetries"]
     others = 4 if solver == "rattle" else 3  # as it stands, finer, nudged; at a tenth of a step's tolerance
-    assert len(presented) == len(assessment.PRESENTED) + others and all(s.cpu_limit == 10.0 for s in specs)
+    assert len(presented) == len(presentations.PRESENTED) + others and all(s.cpu_limit == 10.0 for s in specs)
 
 
 def test_a_long_run_is_made_only_if_it_is_long():
@@ -177,6 +180,35 @@ def test_a_ladder_cut_by_the_budget_is_neither_met_nor_failed():
     words = f"not determined: {len(left) - 2} of {len(left)} runs of it are left out by the budget"
     assert (top("success", "success").verdict, top("success", "success").measured.text) == (Verdict.OPEN, words)
     assert top("success", "crashed").verdict is Verdict.FAILED
+
+
+def test_symmetries_of_which_none_was_tested_are_not_ok():
+    """Refused, all nine: not determined, with the reason; those of a mechanism that is taken count alone."""
+    one = Symmetry("own", {}, "yaw", "four_bar_grid", "v", ("a", "b"), "refused", Unjudged.BASE, message="no loops")
+    none = presentations._count_symmetries([one] * 9, {})
+    assert not none.is_tested and none.measured.words == "not determined: 9 refused on four_bar_grid: no loops"
+    held = msgspec.structs.replace(one, problem="random_mechanism", verdict="holds", message="")
+    some = presentations._count_symmetries([one, held, held], {})
+    assert some.is_tested and some.holds and some.measured.words.startswith("2 of 2 hold; 1 refused on four_bar_grid")
+    undecided = presentations._count_symmetries([msgspec.structs.replace(held, verdict="undecided")], {})
+    assert not undecided.is_tested
+
+
+def test_a_solver_that_refuses_redundant_rows_is_tried_on_a_tree(monkeypatch):
+    """The grid has redundant rows; the tree has the same presentations, and is asked for once."""
+    monkeypatch.setattr(assessment, "plan_long_run", lambda *_: None)
+    asked = []
+
+    def run_stage(specs, rest, resume):
+        asked.append([s for s in specs if s.label == "symmetries"])
+        return [RunRecord(solver=s.solver, label=s.label, problem=s.problem,
+                          status="refused" if s.problem == "four_bar_grid" else "success") for s in specs]  # fmt: skip
+
+    specs = assessment.run_stages("rattle", 1e9, run_stage)
+    trees = [s for s in specs if s.label == "symmetries" and s.problem == "random_mechanism"]
+    assert len(trees) == len({s.settings_id for s in trees}) == len(presentations.PRESENTED) + 4
+    system = make_problem("random_mechanism", presentations.TREE)
+    assert len(independent_rows(system.system, system.initial)) == system.system.nrows
 
 
 def test_reactions_are_none_only_where_a_run_could_return_them():

@@ -114,6 +114,23 @@ def test_looks_follow_from_the_name_whoever_takes_part():
     assert len(spec.looks(f"solver{k}" for k in range(20))) == 20  # more than there are colours
 
 
+def test_in_print_no_two_solvers_have_one_marker():
+    """Grey prints have no colour: as many solvers as there are markers, engines too; each keeps its own if free."""
+    names = ["gc_weak_form", "rattle", "rkmk_dopri5", "ida_index1", "mujoco", "exudyn", "mine"]
+    found, usual = spec.looks_in_print(names), spec.looks(names)
+    assert len({look.marker for look in usual.values()}) < len(names)
+    assert len({look.marker for look in found.values()}) == len(names)
+    assert all(found[n].colour == usual[n].colour and found[n].family == usual[n].family for n in names)
+    assert found["exudyn"] == usual["exudyn"]
+    many = spec.looks_in_print(f"solver{k}" for k in range(len(spec.IN_PRINT)))
+    assert {look.marker for look in many.values()} == set(spec.IN_PRINT)
+    assert not {"*", "X"} & set(spec.IN_PRINT)  # which mark how runs end
+    x = np.array([1.0, 2.0])
+    traces = [Trace(name, x, x, solver=name, mode="lines+markers") for name in names]
+    markers = [str(h.get_marker()) for h in Legend.of(traces, found, wide=True).handles]
+    assert len(set(markers)) == len(names)
+
+
 def test_engines_have_a_marker_of_their_own():
     """Whether it is installed or not: what is not ours is seen at a glance, in pictures for papers too."""
     looks = spec.looks([*CATALOGUE, "mine", "mujoco", "exudyn"])

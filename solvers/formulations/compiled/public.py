@@ -1,19 +1,21 @@
-"""``accelerations`` and ``project`` of the public interface on the compiled kernel, one of each system and thread.
+"""``accelerations``, ``equations`` and ``project`` of the public interface on the compiled kernel, one a thread.
 
 Whatever the kernel leaves not finite goes to the harness's own functions in NumPy, which say what is wrong.
 """
 
 import threading
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from ....harness.mechanics import consistency, dynamics
+from ....harness.mechanics import consistency, dynamics, so3
 from ....harness.mechanics.added_inertia import check_idle
 from ....harness.mechanics.counting import count_calls
-from ....harness.mechanics.dynamics import Rates
+from ....harness.mechanics.dynamics import Equations, Rates
 from ....harness.mechanics.state import State
-from ....harness.mechanics.system import MultibodySystem
+from ....harness.mechanics.step_time import check_time
+from ....harness.mechanics.system import GROUND, MultibodySystem
 from .kernel import Kernel, make_kernel, start_at
 
 SHIFT = 1e-6  # of S's diagonal: what redundant rows carry is then good to 1e-10, and weak rows settle in a few passes
@@ -23,11 +25,30 @@ KEPT = 32  # kernels
 ITERATIONS, CLOSED = 20, 1e-14  # of Gauss-Newton, [m] of phi: as in ``mechanics.consistency``
 
 
+class _Entry(NamedTuple):
+    """A kernel with the system that it is for, which stays alive, and what its callers need beside it."""
+
+    system: MultibodySystem
+    kernel: Kernel
+    added: np.ndarray | None  # added inertia, if any
+    dense: "_Dense | None"
+
+
+class _Dense(NamedTuple):
+    """The mass matrices, and where ``way`` and ``X`` of the kernel stand in a dense A."""
+
+    M: np.ndarray  # (nb, 6, 6)
+    end: np.ndarray  # (m,)
+    row: np.ndarray  # (m,) of the kernel
+    sign: np.ndarray  # (m, 1) of the force
+    place: np.ndarray  # (m, 6) in A.ravel()
+
+
 class _Kept(threading.local):
-    """By id of the system, the last ``KEPT`` of each thread: the system, kept alive, kernel and added inertia."""
+    """The last ``KEPT`` entries of each thread, by id of the system and what they are for."""
 
     def __init__(self) -> None:
-        self.entries: dict[tuple[int, str], tuple[MultibodySystem, Kernel, np.ndarray | None]] = {}
+        self.entries: dict[tuple[int, str], _Entry] = {}
 
 
 _kept = _Kept()
@@ -42,7 +63,8 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     redundant rows contradict each other, the others hold. ValueError where a body is
     accelerated about an axis without inertia.
     """
-    _, k, added = _entries(system, "accelerations")
+    check_time(s)
+    _, k, added, _ = _entries(system, "accelerations")
     start_at(k, s)
     k.rows.run()
     if np.any(phi_ddot):
@@ -59,12 +81,34 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     return Rates(s.v, s.Omega, k.v_dot[:, :3].copy(), k.v_dot[:, 3:].copy(), k.lam[k.order])
 
 
+@count_calls(factorises=False)
+def equations(system: MultibodySystem, s: State) -> Equations:
+    """Return M (nb, 6, 6), A (nrows, 6 nb), A_dot_v (nrows) and f (nb, 6) at a state.
+
+    M a = f + A^T reaction and A a = -A_dot_v, in velocities (r_dot [space], Omega [body]) of each body; ``A_dot_v``
+    is exact, with the rate of phi_t of drives; ``f`` has forces [N, space] and torques about C less Omega x J Omega.
+    """
+    check_time(s)
+    _, k, _, dense = _entries(system, "equations")
+    assert dense is not None
+    start_at(k, s)
+    k.rows.run()
+    k.applied_forces.run()
+    A, f = np.zeros((system.nrows, 6 * system.nb)), k.force.copy()
+    A.put(dense.place[:, :3], dense.sign * k.way[dense.row])
+    A.put(dense.place[:, 3:], k.X[dense.end, dense.row])
+    if not (np.isfinite(A).all() and np.isfinite(k.gamma).all() and np.isfinite(f).all()):
+        return dynamics.equations(system, s)
+    f[:, 3:] -= so3.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
+    return Equations(dense.M.copy(), A, k.gamma[k.order], f)
+
+
 def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS) -> State:
     """The nearest consistent state: Gauss-Newton on phi, then velocities, both least change in the mass metric.
 
     A body's inertia counts as the same about all axes, the mean. InconsistentStart where no pose is found.
     """
-    _, k, _ = _entries(system, "project")
+    k = _entries(system, "project").kernel
     start_at(k, state)
     v = k.v.copy()
     k.rows.run()
@@ -85,11 +129,12 @@ def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS)
 
 NEEDED = {
     "accelerations": ("rows", "factorise", "react", "solve", "push", "slips"),
+    "equations": ("rows", "applied_forces"),
     "project": ("rows", "factorise", "project", "project_rates"),
 }
 
 
-def _entries(system: MultibodySystem, what: str) -> tuple[MultibodySystem, Kernel, np.ndarray | None]:
+def _entries(system: MultibodySystem, what: str) -> _Entry:
     key, kept = (id(system), what), _kept.entries
     if key not in kept:
         k = make_kernel(system, NEEDED[what])
@@ -99,8 +144,20 @@ def _entries(system: MultibodySystem, what: str) -> tuple[MultibodySystem, Kerne
         if len(kept) >= KEPT:
             del kept[next(iter(kept))]
         added = system.added_inertia if np.any(system.added_inertia) else None
-        kept[key] = system, k, added
+        kept[key] = _Entry(system, k, added, _prepare_dense(system, k) if what == "equations" else None)
     return kept[key]
+
+
+def _prepare_dense(system: MultibodySystem, k: Kernel) -> _Dense:
+    """Return what of ``equations`` does not change, and where each row of the kernel stands in A at ends on bodies."""
+    body = np.repeat(k.body, np.diff(k.row), axis=0)  # (nrows, 2)
+    end, row = np.nonzero(body.T != GROUND)
+    first = np.argsort(k.order)[row] * 6 * system.nb + 6 * body[row, end]
+    sign = np.where(end == 0, 1.0, -1.0)[:, None]
+    M = np.zeros((system.nb, 6, 6))
+    M[:, range(3), range(3)] = system.mass[:, None]
+    M[:, 3:, 3:] = system.regular_inertia
+    return _Dense(M, end, row, sign, first[:, None] + np.arange(6))
 
 
 def _share(k: Kernel) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import solver as requirements
-from mbsbench.harness.conformance.trials import Evidence
+from mbsbench.harness.conformance.trials import Evidence, check_drives
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.results import store
@@ -36,12 +36,12 @@ class DormandPrince(Equations):
         def packed(*parts):
             return np.concatenate([np.ravel(part) for part in parts])
 
-        def state(y):
+        def state(t, y):
             r, R, v, Omega = np.split(y, np.cumsum([3 * start.nb, 9 * start.nb, 3 * start.nb]))
-            return State(r.reshape(-1, 3), R.reshape(-1, 3, 3), v.reshape(-1, 3), Omega.reshape(-1, 3))
+            return State(r.reshape(-1, 3), R.reshape(-1, 3, 3), v.reshape(-1, 3), Omega.reshape(-1, 3), t)
 
         def rate(t, y):
-            s = state(y)
+            s = state(t, y)
             rates = self.rates(problem, s)
             return packed(s.v, s.R @ so3.hat(s.Omega), rates.v_dot, rates.Omega_dot)
 
@@ -52,7 +52,7 @@ class DormandPrince(Equations):
         while run.status == "running" and len(times) <= control.max_steps:
             run.step()
             times.append(run.t)
-            states.append(state(run.y))
+            states.append(state(run.t, run.y))
         status = Status.SUCCESS if run.status == "finished" else Status.STALLED
         message = "max_steps reached"
         reactions = [self.rates(problem, s).reaction for s in states]
@@ -120,6 +120,25 @@ def measured(name, text, folder):
         evidence = Evidence(made.control, made.order, mine, series)
         names = (ORDER, TORQUE, REACTION, COUNTED, GAPS)
         return {r.name: r.measure(evidence) for r in requirements.REQUIREMENTS if r.name in names}
+
+
+HALF = "            s = advance(states[-1], self.rates(problem, half)"
+TIMELESS = "            half = State(half.r, half.R, half.v, half.Omega)\n" + HALF
+
+
+@pytest.mark.parametrize("text", [FIXED, FIXED.replace(HALF, TIMELESS)], ids=["sound", "timeless"])
+def test_a_solver_that_drops_time_does_not_follow_drives(text, tmp_path, monkeypatch):
+    """The stage of a class's own loop at t = 0: nothing else of the requirements notices."""
+    for known in ("_plugin_files", "_plugin_problems", "_plugin_solvers"):
+        monkeypatch.setattr(registry, known, type(getattr(registry, known))())
+    path = tmp_path / "midpoint.py"
+    path.write_text(text, encoding="utf-8")
+    registry.load_plugin(path)
+    store.create(tmp_path / "run")
+    spec = requirements.runs_of("midpoint")["driven"]
+    record = run_here(Job(spec, tmp_path / "run"))
+    found = check_drives(Evidence("dt", 2.0, {"driven": record}, {}))
+    assert found.is_tested and found.holds == (text == FIXED)
 
 
 SLOW = [k for k in FAULTS if "error control" in k or "all counted" in k]

@@ -8,7 +8,22 @@ import numpy as np
 import pytest
 
 import mbsbench
-from mbsbench import Parameter, State, States, accelerations, advance, make_problem, project, rhs, solve, step
+from mbsbench import (
+    Parameter,
+    Rates,
+    State,
+    States,
+    StepFailed,
+    accelerations,
+    advance,
+    equations,
+    make_problem,
+    project,
+    rhs,
+    solve,
+    step,
+)
+from mbsbench.harness.conformance import trials
 from mbsbench.harness.mechanics import motion
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
@@ -82,6 +97,67 @@ def test_what_goes_wrong_in_a_function_is_a_status_or_names_it():
         return accelerations(system, state)
 
     assert solve("heavy_top", refusing).record.message == "one body is too few"
+
+
+def test_a_step_that_cannot_go_on_says_why():
+    """A failure of the method is no fault of the program: ``diverged``, with the steps so far and its words."""
+
+    @step("cannot_go_on")
+    def cannot_go_on(system, state, dt):
+        if state.t > 0.045:
+            raise StepFailed("Newton does not converge in 50 iterations")
+        return advance(state, accelerations(system, state), dt)
+
+    run = solve("spherical_pendulum", cannot_go_on, dt=0.01, t_end=0.1)
+    assert (run.status, run.record.steps) == ("diverged", 5)
+    assert run.record.message == "stopped at t = 0.05 s: Newton does not converge in 50 iterations"
+
+
+def test_a_singular_matrix_names_redundant_rows_where_there_are_any():
+    """The saddle-point matrix of a grid is singular, whatever the step: rows, rank and both remedies are named."""
+
+    @step("by_saddle")
+    def by_saddle(system, state, dt):
+        e = equations(system, state)
+        M = np.kron(np.eye(system.nb), np.ones((6, 6)))
+        M[M != 0] = e.M.ravel()
+        x = np.linalg.solve(np.block([[M, -e.A.T], [e.A, np.zeros((len(e.A), len(e.A)))]]),
+                            np.concatenate((e.f.ravel(), -e.A_dot_v)))  # fmt: skip
+        a = x[: 6 * system.nb].reshape(-1, 6)
+        return advance(state, Rates(state.v, state.Omega, a[:, :3], a[:, 3:], x[6 * system.nb :]), dt)
+
+    words = "four_bar_grid has redundant rows (20 rows of rank 17): solve by least squares (numpy.linalg.lstsq)"
+    grid = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "t_end": 0.1})
+    run = solve(grid, by_saddle, dt=0.05)
+    assert run.status == "diverged" and f"Singular matrix: {words}" in run.record.message
+    assert solve("heavy_top", by_saddle, dt=1e-4, t_end=1e-3).record.steps == 10
+    evidence = trials.Evidence("dt", math.nan, {"easy revolute": run.record}, {})
+    assert words in trials.check_endings(evidence).required.remedy
+
+
+@pytest.mark.parametrize("dropped", ["a stage", "the end"])
+def test_a_state_without_its_time_is_named(dropped):
+    """Drives would stand still, and loads be those of the start."""
+
+    def forget(s):
+        return State(s.r, s.R, s.v, s.Omega)
+
+    @step("forgets_time")
+    def forgets_time(system, state, dt):
+        half = advance(state, accelerations(system, state), dt / 2)
+        half = forget(half) if dropped == "a stage" else half
+        end = advance(state, accelerations(system, half), dt)
+        return forget(end) if dropped == "the end" else end
+
+    with pytest.raises(ValueError, match=r"t = 0 s.*pass the time on: State\(r, R, v, Omega, t\)"):
+        solve("heavy_top", forgets_time, dt=1e-3, t_end=0.01)
+
+    @rhs("forgets_time_too")
+    def forgets_time_too(system, state):
+        return accelerations(system, forget(state))
+
+    with pytest.raises(ValueError, match="pass the time on"):
+        solve("heavy_top", forgets_time_too, rtol=1e-4, t_end=0.01)
 
 
 def test_project_and_scipy_are_public():

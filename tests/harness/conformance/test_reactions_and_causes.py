@@ -96,7 +96,7 @@ def test_a_problem_that_cannot_be_made_is_said_once(tmp_path):
     (name,) = [n for n in registry.problems() if not registry.is_own_problem(n)]
     found = problem.check_problem(name, (str(path),))
     failed = [f for f in found if not f.holds]
-    assert len(failed) == 1 and re.search(r"part 0 \(O\): .*\(gyroscope.py:\d+\)", failed[0].measured.words)
+    assert len(failed) == 1 and re.search(r"joint 0 \(O\): .*\(gyroscope.py:\d+\)", failed[0].measured.words)
     assert not [f for f in found if f.is_tested and f.holds]
 
 

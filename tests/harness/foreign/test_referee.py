@@ -311,9 +311,11 @@ def with_angles() -> np.ndarray:
 
 
 def test_euler_angles_are_read_or_named_as_ignored(tmp_path):
-    """With their sequence they are the exact orientations; without, a note names the option."""
+    """With their sequence they are the exact orientations; without, one line names the option; or they are left out."""
     path = written(tmp_path / "top.csv", with_angles(), "t,x,y,z,phi,theta,psi")
-    ignored = judge(path)
+    with pytest.raises(FileError, match="--euler gives their axes in the order of the columns"):
+        judge(path)
+    ignored = judge(path, euler="none")
     assert "not read: Euler angles" in ignored.notes and "--euler" in ignored.notes
     assert np.isnan(ignored.orientation_error_max_rad)
     r = judge(path, euler="ZXZ")
@@ -324,6 +326,25 @@ def test_euler_angles_are_read_or_named_as_ignored(tmp_path):
     assert judge(written(path, degrees, "t,x,y,z,phi,theta,psi"), euler="ZXZ", angle="deg").status == "success"
     extra = np.column_stack((exact(), exact()[:, 0]))
     assert "not read: sensor" in judge(written(path, extra, f"{HEADER},sensor")).notes
+
+
+def test_the_reading_that_was_meant_is_named(tmp_path):
+    """A start of no rotation, or about one axis, looks the same in either frame, and about axes that stay."""
+    angles = written(tmp_path / "angles.csv", with_angles(), "t,x,y,z,phi,theta,psi")
+    (note,) = re.findall(r"with (--\S+ \S+) it would follow the exact motion", judge(angles, euler="zxz").notes)
+    assert note == "--euler ZXZ"
+    assert "would follow" not in judge(angles, euler="ZXZ").notes
+    unequal = {"inertia_factors": (1.0, 2.0, 3.0), "omega": (0.3, 3.0, 0.2)}
+    free = make_problem(
+        "torque_free_body", {"t_end": 2.0, "rotation": (-0.5 * np.pi, 0.0, 0.0), **unequal}
+    )  # from R = 1
+    t = np.linspace(0.0, 2.0, 401)
+    states = free.reference().states(t)
+    R, Omega = states.R[:, 0], states.Omega[:, 0]
+    q = Rotation.from_matrix(R).as_quat(scalar_first=True)
+    rows = np.column_stack((t, states.r[:, 0], q, states.v[:, 0], np.einsum("tij,tj->ti", R, Omega)))
+    turned = judge(written(tmp_path / "turned.csv", rows), free)
+    assert "with --omega space it would follow" in turned.notes
 
 
 def test_a_remark_before_the_numbers_is_a_header(tmp_path):

@@ -95,6 +95,22 @@ def test_the_gate_closes(verdict):
     assert verdict().verdict is Verdict.FAILED and not verdict().is_open
 
 
+def test_a_value_below_its_lower_bound_is_said_to_be_better():
+    """Of errors; the scale of a problem's energy is neither better nor worse."""
+    errors = state(changed(phi_max=0.5), with_bound(lower=0.9)).findings[0]
+    assert errors.verdict is Verdict.FAILED and "better than it was" in errors.required.why
+    above = state(changed(phi_max=1.3), with_bound(lower=0.9)).findings[0]
+    assert "better" not in above.required.why
+    scale = with_bound(metric="energy_scale_J", lower=0.9)
+    assert "better" not in state(changed(energy_scale_J=0.5), scale).findings[0].required.why
+
+
+def test_a_run_without_a_step_passes_nothing():
+    """Its zeros are within their bounds; one that reached its end keeps what it has."""
+    assert state(changed(status="diverged", phi_max=0.0)).counts["PASS"] == state().counts["PASS"] - 2
+    assert state(changed(status="wrong")).counts["PASS"] == state().counts["PASS"] - 1
+
+
 def test_an_error_that_goes_away_closes_the_gate():
     """Nothing computes better for no reason: a drift that is zeroed, or errors that are no longer measured."""
     record = RunRecord(

@@ -9,8 +9,9 @@ import pytest
 
 from mbsbench import State, States, TimeFunction, constraint_jacobian
 from mbsbench.harness.mechanics import motion, so3
+from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start
 from mbsbench.harness.mechanics.joints import DECLARED, Joint, JointKind
-from mbsbench.harness.mechanics.system import GROUND, Load, RigidBody, assemble
+from mbsbench.harness.mechanics.system import GROUND, Load, RigidBody, SpringDamper, assemble
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.problems.random_mechanism import closed_joint
 
@@ -58,7 +59,7 @@ def test_joints_behind_chosen_rows_keep_their_numbers() -> None:
     assert names == ("joint 1, row 2", "joint 1, row 0", "joint 2")
     with pytest.raises(ValueError, match="joint 1: length must be"):
         assemble(body, [first, Joint(0, (0, 0, 0), kind="distance")])
-    with pytest.raises(ValueError, match="part 1: expected body i"):
+    with pytest.raises(ValueError, match="joint 1: expected body i"):
         assemble(body, [first, Joint(3, (0, 0, 0))])
 
 
@@ -101,3 +102,38 @@ def test_a_load_on_the_ground_is_refused() -> None:
 def test_every_kind_has_its_number() -> None:
     """Kept files name kinds by number: they are 0, 1, 2, ... without gap."""
     assert [one.number for one in DECLARED.values()] == list(range(len(DECLARED)))
+
+
+def test_a_point_of_two_numbers_is_named() -> None:
+    """The part, counted as the user does, the name of its argument, and what was given."""
+    body = [RigidBody(1.0, np.eye(3))]
+    for parts, words in (
+        (
+            {"joints": [Joint(0, (0, 0, 0)), Joint(0, (-0.5, 0), name="pin")]},
+            r"joint 1 \(pin\): s_i must be three .*-0.5",
+        ),
+        ({"joints": [Joint(0, (0, 0, 0), axis_i=(0, 0, 1), axis_j=(0, 1))]}, r"joint 0: axis_j must be three numbers"),
+        ({"springs": [SpringDamper(0, "x", -1, (0, 0, 0), 1.0, 0.1)]}, r"spring 0: p_i must be three .* \(got x\)"),
+        ({"loads": [Load(0, force=(1.0,))]}, r"load 0: force must be three numbers \(got \(1.0,\)\)"),
+        ({"gravity": (0.0, -9.81)}, r"gravity must be three numbers"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            assemble(body, **parts)
+
+
+def test_an_open_joint_says_what_is_open() -> None:
+    """A distance, or an angle of the axes, beside the number of the row."""
+    body = [RigidBody(1.0, np.eye(3))]
+    start = State(np.array([[0.5, 0.0, 0.0]]), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    axis = (0.0, np.sin(0.3), np.cos(0.3))
+    for joint, words in (
+        (Joint(0, (-0.4, 0, 0)), r"its points are 0.1 m apart\)"),
+        (Joint(0, (-0.5, 0, 0), axis_i=(0, 0, 1), axis_j=axis), r"its axes differ by 17.19 deg\)"),
+        (Joint(0, (-0.5, 0, 0), axis_i=(0, 0, 1), axis_j=(0, 0, 1)), None),
+    ):
+        system = assemble(body, [joint])
+        if words is None:
+            check_start(system, start)
+        else:
+            with pytest.raises(InconsistentStart, match=words):
+                check_start(system, start)

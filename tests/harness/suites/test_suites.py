@@ -37,6 +37,16 @@ def test_lists_are_products():
     assert len(made) == 12 and len({c.settings_id for c in made}) == len({c.case for c in made}) == 12
 
 
+def test_keys_that_a_solver_does_not_take_are_named():
+    """Where both kinds of control are given each solver takes its own; that, and no more, is said, once."""
+    text = '[[runs]]\nproblem = "heavy_top"\nsolver = ["rattle", "rkmk_dopri5"]\ndt = [0.01, 0.005]\nrtol = 1e-6\n'
+    made = parse_suite(text + "max_step = 0.1\n" + text.replace("1e-6", "1e-5").replace("0.005", "0.002").replace(
+        "0.01", "0.004"), "test", "test.toml")  # fmt: skip
+    assert made.not_combined == ("rattle with rtol", "rattle with max_step", "rkmk_dopri5 with dt")
+    assert len(made.specs) == 6
+    assert parse_suite(GROUP + "dt = [0.5, 0.25]", "test", "test.toml").not_combined == ()
+
+
 def test_tables_follow_one_another_and_defaults_name_problem_and_solver():
     """A list of tables is a sum, not a product; what a group leaves out is the default."""
     text = '[defaults]\nproblem = "free_fall"\nsolver = "exact"\n[[runs]]\nparameters = [{mass = [1, 2]}, {mass = 3}]\n'

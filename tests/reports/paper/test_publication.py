@@ -16,6 +16,7 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
+from mbsbench.reports.model.floats import latex_caption
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.plots.paper import DOUBLE, SINGLE, save, style
 
@@ -102,6 +103,55 @@ def test_widths_are_those_of_a_journal(results):
         assert b"/FontFile2" in pdf.read_bytes()
 
 
+def test_floats_have_captions_and_labels(results, capsys):
+    """One a figure and a table, of files that are there; symbols are LaTeX's, and no label is used twice."""
+    assert main(["figures", str(results.folder)]) == 0
+    capsys.readouterr()
+    folder = results.folder / publication.FOLDER
+    text = (folder / "floats.tex").read_text(encoding="utf-8").partition(r"\providecommand")[2]
+    told = json.loads((folder / "captions.json").read_text(encoding="utf-8"))
+    files = re.findall(r"\{\\publication/([^}]+)\}", text)
+    assert len(files) == len(set(files)) == len(told) + len(results.variants)
+    assert all((folder / file).is_file() for file in files)
+    labels = re.findall(r"\\label\{([^}]+)\}", text)
+    assert len(labels) == len(set(labels)) == len(files) == text.count(r"\caption{") == text.count(r"\end{")
+    ours = "".join(latex_caption(publication.WORK + publication.HEAT + " φ̇ φ Δt 10⁻⁵ |E − E₀|"))
+    assert ours.isascii() and r"$\dot\phi$ $\phi$ $\Delta$t 10$^{-}$$^5$" in ours
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX on this machine")
+def test_latex_takes_the_floats(tmp_path):
+    """With the packages that its first line names."""
+    for k, solver in enumerate(("alpha", "be_ta")):
+        put(tmp_path / "run", record(f"{k:04x}", solver, problem="cha_in"), series(40))
+    assert main(["figures", str(tmp_path / "run")]) == 0
+    lines = r"""\documentclass{article}\usepackage{graphicx,booktabs,array}\newcommand{\publication}{run/publication}
+        \begin{document}\input{\publication/floats}\end{document}"""
+    (tmp_path / "paper.tex").write_text(lines)
+    done = subprocess.run(["pdflatex", "-halt-on-error", "paper.tex"], cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == 0 and (tmp_path / "paper.pdf").stat().st_size > 10_000, done.stdout[-500:]
+
+
+def test_solvers_are_called_as_asked(results, capsys):
+    """In figures and tables, not in the results; a name that is no solver's, or that two would have, is refused."""
+    folder = results.folder / publication.FOLDER
+    assert main(["figures", str(results.folder), "--only", "pendulum", "--name", "alpha=ODE-GC & more"]) == 0
+    text = (folder / "pendulum" / "pendulum.tex").read_text(encoding="utf-8")
+    assert r"{ODE-GC \& more}" in text and "{alpha}" not in text
+    assert "alpha" in read_results(results.folder).solvers
+    capsys.readouterr()
+    for given, words in (("alhpa=x", "there are "), ("alpha=beta", "two solvers are called 'beta'")):
+        assert main(["figures", str(results.folder), "--name", given]) == 2
+        assert words in capsys.readouterr().err
+
+
+def test_captions_say_what_is_counted(results):
+    """Where a panel has evaluations, and there alone."""
+    made = {name: caption for p in results.variants for name, caption, _, _ in publication.figures_of(results, p)}
+    assert "evaluation of the equations with its factorisation" in made["pendulum-work"]
+    assert not any("factorisation" in caption for name, caption in made.items() if not name.endswith("-work"))
+
+
 def test_command_writes_figures_tables_and_captions(results, capsys):
     assert main(["figures", str(results.folder), "--only", "lonely"]) == 0
     folder = results.folder / publication.FOLDER
@@ -121,7 +171,9 @@ def test_command_writes_figures_tables_and_captions(results, capsys):
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
 @pytest.mark.skipif(not (BIN / "mbsbench").exists(), reason="the command mbsbench is not installed beside this Python")
 def test_make_pictures_writes_those_of_the_pages(tmp_path):
-    """A picture that nobody can make again goes stale."""
+    """A picture that nobody can make again goes stale; elsewhere nothing that is published changes."""
+    published = sorted((TOP / "results" / "published" / "engines" / "runs").glob("*.json"))
+    before = [(p.name, p.stat().st_mtime_ns) for p in published]
     results, pictures = tmp_path / "chain-run", tmp_path / "pictures"
     pictures.mkdir()
     (ready := tmp_path / "ready").touch()  # newer than the locks: nothing is installed
@@ -134,6 +186,7 @@ def test_make_pictures_writes_those_of_the_pages(tmp_path):
     shown = re.findall(r"!\[[^]]+\]\((?:docs/)?images/([^)]+)\)", pages)
     assert sorted(p.name for p in pictures.iterdir()) == sorted(shown)
     assert all("<svg" in p.read_text(encoding="utf-8") for p in pictures.iterdir())
+    assert before and before == [(p.name, p.stat().st_mtime_ns) for p in published]
 
 
 def test_a_legend_is_smaller_than_its_plot(tmp_path):

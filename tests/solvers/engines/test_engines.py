@@ -178,6 +178,18 @@ def test_stretches_join(engine, monkeypatch):
 
 
 @needs("mujoco")
+@pytest.mark.parametrize("settings", ["default", "file"])
+def test_options_that_settings_of_others_replace_are_refused(settings):
+    """Four integrators under four labels would be one."""
+    problem = make_problem("heavy_top", {"t_end": 0.1})
+    for given in ({"integrator": "implicit"}, {"tolerance": 1e-6, "impedance": 0.9}):
+        words = make_solver("mujoco", {"settings": settings, **given}).refuses(problem, CONTROL)
+        assert words is not None and words.endswith(f": leave {', '.join(given)} out")
+    if settings == "default":
+        assert make_solver("mujoco", {"settings": "default"}).refuses(problem, CONTROL) is None
+
+
+@needs("mujoco")
 @pytest.mark.parametrize("stretch", [20_000, 7])
 def test_a_warning_of_mujoco_ends_the_run_with_its_reason(stretch, monkeypatch):
     """``rollout`` repeats its last state after a warning; ``mj_step`` says what came before the step that warned."""

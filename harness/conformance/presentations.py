@@ -1,0 +1,60 @@
+"""Runs of a solver on one mechanism in many presentations, and the findings on the symmetries that it must keep."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..catalogue import registry
+from ..referee.certificates.symmetries import check_symmetries
+from ..results.findings import Finding, state
+from ..results.judgements.runs import Symmetry
+from ..results.records import RunRecord
+from ..sandbox.trial import make_problem
+from ..suites.spec import RunSpec, make_spec
+
+LOOP: Mapping[str, Any] = {"rows": 1, "columns": 1, "t_end": 0.2}  # of the grid: three bars, revolute joints
+TREE: Mapping[str, Any] = {"bodies": 3, "loops": 0, "springs": 0, "loads": 0, "t_end": 0.2}  # without redundant rows
+PRESENTED: tuple[Mapping[str, Any], ...] = (
+    {"yaw": 0.7}, {"rotation": (0.3, -0.5, 0.7)}, {"mirror": "X"}, {"renumber": 1}, {"duplicate": 1},
+    {"unit_length": 1024.0}, {"unit_mass": 1024.0}, {"unit_time": 8.0}, {"retrace": True},
+)  # fmt: skip
+EXPECTED = "frames, mirror, units, numbering, time"
+
+
+def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], wall: float) -> list[RunSpec]:
+    """Return runs of a problem as it stands, finer, nudged, and in each presentation; ``wall`` [s] of CPU for each."""
+    entry = registry.solvers()[solver]
+    base = {"dt": 0.01} if entry.control == "dt" else {"rtol": 1e-6}
+    finer = {"dt": 0.005} if entry.control == "dt" else {"rtol": 1e-7}
+
+    def spec(change: Mapping[str, Any], control: Mapping[str, float], options: Mapping[str, Any]) -> RunSpec:
+        made = make_problem(problem, {**parameters, **change})
+        return make_spec(made, solver, options, control, label="symmetries", cpu_limit=wall)
+
+    out = [spec({}, control, {}) for control in (base, finer)]
+    if entry.control == "dt" and (tolerance := entry.parameters.get("tolerance")):
+        out.append(spec({}, base, {"tolerance": float(f"{0.1 * tolerance[0]:.6g}")}))  # what the bound is made of
+    return out + [spec(change, base, {}) for change in ({"perturb": 1e-8}, *PRESENTED)]
+
+
+def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Iterator[Finding]:
+    """Yield those that are broken, and how many hold; ``none``: why there may be nothing to compare."""
+    found = check_symmetries(folder, runs)
+    if not found:
+        yield state("symmetries", none, EXPECTED)
+        return
+    yield from (s.as_finding() for s in found if s.verdict in ("broken", "failed"))
+    yield _count_symmetries(found, {r.settings_id: r.message for r in runs})
+
+
+def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str]) -> Finding:
+    """Return how many of those hold that the solver did not refuse; not determined where it refused them all."""
+    taken = [s for s in found if s.verdict != "refused"]
+    refused = Counter((s.problem, s.message or messages.get(s.settings_ids[0], "")) for s in found if s not in taken)
+    words = "; ".join(f"{n} refused on {problem}: {why}" for (problem, why), n in refused.items())
+    if not taken:
+        return state("symmetries", f"not determined: {words}", EXPECTED)
+    kept, good = (sum(s.verdict in verdicts for s in taken) for verdicts in (("holds",), ("holds", "broken", "failed")))
+    counted = f"{kept} of {len(taken)} hold{words and f'; {words}'}"
+    return state("symmetries", counted, EXPECTED, good=True if good else None)

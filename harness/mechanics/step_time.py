@@ -1,0 +1,30 @@
+"""The time at which the step in progress began: a state that has lost its time is named, not evaluated at t = 0.
+
+``State.t`` is 0 unless given, as that of a start is. A step that forgets it would follow drives and loads of t = 0.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from .state import State
+
+_begun: ContextVar[float] = ContextVar("begun", default=0.0)  # [s]
+REMEDY = "pass the time on: State(r, R, v, Omega, t), or dataclasses.replace(state, ..., t=t)"
+
+
+@contextmanager
+def step_from(t: float) -> Iterator[None]:
+    """Tell ``check_time`` that what is evaluated within belongs to a step from ``t`` [s]."""
+    token = _begun.set(t)
+    try:
+        yield
+    finally:
+        _begun.reset(token)
+
+
+def check_time(s: State) -> None:
+    """Raise ValueError where a step that began later is evaluated at t = 0, the default."""
+    begun = _begun.get()
+    if s.t == 0.0 < begun:
+        raise ValueError(f"a state of the step from t = {begun:.6g} s has t = 0 s; {REMEDY}")

@@ -1,0 +1,46 @@
+"""Figures and tables as LaTeX floats with captions and labels, to be copied or read in."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from .tables import latex_text
+
+MATHS = {  # characters of captions that pdfLaTeX has in mathematics alone; a mark after its letter comes first
+    "φ̇": r"$\dot\phi$", "φ": r"$\phi$", "Δ": r"$\Delta$", "₀": "$_0$", "≈": r"$\approx$", "≤": r"$\le$",
+    "×": r"$\times$", "★": r"$\star$", "−": "$-$", "⁻": "$^{-}$", **{c: f"$^{k}$" for k, c in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")},
+}  # fmt: skip
+HEAD = r"""% Floats of %s: needs \usepackage{graphicx,booktabs,array}. Copy what is wanted, or
+%% \newcommand{\publication}{path/of/this/folder} and \input{\publication/floats} for all of them.
+\providecommand{\publication}{.}
+"""
+
+
+def latex_caption(text: str) -> str:
+    """Return a caption, its symbols in mathematics; any other character stays."""
+    out = latex_text(text)
+    for symbol, latex in MATHS.items():
+        out = out.replace(symbol, latex)
+    return out
+
+
+def write_floats(title: str, figures: Sequence[Mapping[str, Any]], tables: Mapping[str, str]) -> str:
+    """Return all floats: ``figures`` as in captions.json, and captions of ``tables`` by their place without suffix."""
+    out = [HEAD.replace("%s", latex_text(title), 1).replace("%%", "%")]
+    for place, caption in tables.items():
+        name = place.rpartition("/")[2]
+        out.append(rf"""\begin{{table}}[tb]
+  \centering
+  \caption{{{latex_caption(caption)}}}\label{{tab:{name}}}
+  \input{{\publication/{place}.tex}}
+\end{{table}}
+""")
+    for f in figures:
+        file = next(name for name in f["files"] if name.endswith(".pdf"))
+        star = "*" if f["width_mm"] > 100.0 else ""  # over both columns
+        out.append(rf"""\begin{{figure{star}}}[tb]
+  \centering
+  \includegraphics[width={f["width_mm"]}mm]{{\publication/{file}}}
+  \caption{{{latex_caption(f["caption"])}}}\label{{fig:{f["name"]}}}
+\end{{figure{star}}}
+""")
+    return "\n".join(out)
