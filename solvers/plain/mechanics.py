@@ -63,8 +63,9 @@ class Mechanism:
             numbers = self._numbers(k, driven if declared.motion else 0.0)
             i, j = (REST if b == GROUND else _moved(r[b], R[b], v[b], end) for end, b in enumerate(ends))
             found = [(jet(a), True) for a in declared.phi(i, j, numbers)]
-            i, j = (REST if b == GROUND else _pushed(r[b], R[b], v[b], end) for end, b in enumerate(ends))
-            found += [(jet(a), False) for a in declared.rates(i, j, numbers)]
+            if not declared.is_holonomic:
+                i, j = (REST if b == GROUND else _pushed(r[b], R[b], v[b], end) for end, b in enumerate(ends))
+                found += [(jet(a), False) for a in declared.rates(i, j, numbers)]
             for row, (a, holonomic) in enumerate(found, start):
                 slopes, slope_rates = (np.broadcast_to(x, DIRECTIONS) for x in (a.slopes, a.slope_rates))
                 out.phi[row], out.phi_dot[row] = (a.x, a.rate) if holonomic else (0.0, a.x)

@@ -26,7 +26,7 @@ from ...harness.types import Problem, StepControl, Trajectory
 from .march import march
 from .mechanics import Mechanism, Rows
 
-DIFFERENCE = 1e-6  # of the unknowns, in Jacobians by central differences
+DIFFERENCE = 1e-7  # of the unknowns, in Jacobians by differences
 ENOUGH = 0.25  # of phi_dot: an augmentation that leaves more raises the penalty
 
 
@@ -183,10 +183,10 @@ class Step:
                 return found
             if iteration == self.choices.max_newton and not passes:
                 return None
-            d = DIFFERENCE * np.eye(len(x))
-            J = np.array([whole(eta(x + e)) - whole(eta(x - e)) for e in d]).T / (2.0 * DIFFERENCE)
+            R = whole(found)
+            J = np.array([whole(eta(x + d)) - R for d in DIFFERENCE * np.eye(len(x))]).T / DIFFERENCE
             try:
-                x = x - np.linalg.solve(J, whole(found))  # (78), (79)
+                x = x - np.linalg.solve(J, R)  # (78), (79)
             except np.linalg.LinAlgError:
                 return None
             self.counters["newton_iterations"] += 1

@@ -58,10 +58,11 @@ def compare(problem, solver, options, codes=("kernel",), steps=20):
         assert len(found.t) == len(plain.t), f"{where}: {len(found.t)} nodes, the plain method has {len(plain.t)}"
         size = max(1.0, float(np.max(np.abs(plain.states.r))))
         speed = max(1.0, *(float(np.max(np.abs(a))) for a in (plain.states.v, plain.states.Omega)))
+        left = 1e-12 / problem.dt if options.get("form") == "index3" else 0.0  # [m/s] phi to 1e-12 leaves of velocities
         for name, scale in (("r", size), ("R", 1.0), ("v", speed), ("Omega", speed)):
             one, two = getattr(found.states, name), getattr(plain.states, name)
             worst = np.unravel_index(np.argmax(np.abs(one - two)), one.shape)
-            gap, allowed = abs(one[worst] - two[worst]), EQUAL * scale * max(worst[0], 1)
+            gap, allowed = abs(one[worst] - two[worst]), (EQUAL * scale + left) * max(worst[0], 1)
             assert gap <= allowed, (
                 f"{where}: {name} of body {worst[1]} after step {worst[0]} is {one[worst]!r}, "
                 f"by the plain method {two[worst]!r}"
@@ -72,18 +73,18 @@ def compare(problem, solver, options, codes=("kernel",), steps=20):
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_joint_with_a_spring_and_loads(kind, ground):
     """Each kind of joint, beside a spring with a damper and two loads: by the full Newton method."""
-    problem = problem_of(kind, *one_joint(kind, ground=ground), 20)
+    problem = problem_of(kind, *one_joint(kind, ground=ground), 10)
     for options in ({}, {"corrective": False}, {**AS_PRINTED, "direction": "mass"}):
-        compare(problem, "gc_weak_form", {**SHARP, **options})
+        compare(problem, "gc_weak_form", {**SHARP, **options}, steps=10)
 
 
 @pytest.mark.parametrize("kind", MOVING)
 def test_one_moving_row_with_timed_loads(kind):
     """Drives and rows of velocities, beside a torsional spring and loads that are functions of time."""
     system = moving_rows(kind)
-    problem = problem_of(kind, system, consistent(system, 4), 20)
+    problem = problem_of(kind, system, consistent(system, 4), 10)
     for options in ({}, AS_PRINTED):
-        compare(problem, "gc_weak_form", {**SHARP, **options})
+        compare(problem, "gc_weak_form", {**SHARP, **options}, steps=10)
 
 
 @pytest.mark.parametrize("options", CHOICES, ids=str)
@@ -139,7 +140,7 @@ def test_other_methods_on_redundant_rows(solver, options):
     compare(problem, solver, options, steps=10)
 
 
-NESTED = {"loop": "nested", "correct_pose": "never", "penalty": 1e3, "max_augmentations": 40, **SHARP}
+NESTED = {"loop": "nested", "correct_pose": "never", "penalty": 1e3, "max_augmentations": 40, "tolerance": 1e-11}
 
 
 @pytest.mark.parametrize(
