@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ..harness.foreign.conventions import CHOICES, Reading
+from ..harness.ladder.closing import TRIAL
 from ..harness.results.rows import METRICS
 from .arguments import (
     RESULTS,
@@ -358,13 +359,20 @@ def _add_submit(commands: Any) -> None:
     )
     p = subcommand(commands, "submit", words, "one object")
     p.add_argument("submission", metavar="FILE.py|ENGINE", help="file with one solver, or name of a solver")
-    p.add_argument("--seed", default="1", metavar="TEXT", help="public seed of the instances (default: 1)")
+    value = "value that the ladder published after its entries were closed (default: a trial, which no ladder ranks)"
+    p.add_argument("--value", default=TRIAL, metavar="TEXT", help=value)
+    digest = "print the digest to enter before the value is published; run nothing"
+    p.add_argument("--digest", action="store_true", help=digest)
     p.add_argument("-o", "--out", metavar="B.zip", help="bundle to write (default: <solver>.zip)")
 
 
 def _add_ladder(commands: Any) -> None:
-    p = subcommand(commands, "ladder", "rank the bundles of submissions in a folder; exit code 1 if one was removed")
-    words = "folder of bundles; its labels.toml may call them independent (default), ours or re-run by us"
+    summary = "rank the bundles of submissions in a folder; exit code 1 if one was removed"
+    p = subcommand(commands, "ladder", summary, "one object an entry, the best first")
+    words = (
+        "folder of bundles; its ladder.toml states the value and the digests entered before it (without: a trial); "
+        "its labels.toml may call bundles independent (default), ours or re-run by us"
+    )
     p.add_argument("folder", metavar="DIR", help=words)
 
 

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from ..harness.files import parse_toml, read_text
 from ..harness.ladder.bundling import read_entry
-from ..harness.ladder.ranking import INDEPENDENT, LABELS, rank_entries
+from ..harness.ladder.closing import FILE, read_closing
+from ..harness.ladder.ranking import INDEPENDENT, LABELS, Row, rank_entries
 from .arguments import UsageError
-from .terminal import console
+from .terminal import console, print_json
 
 LABEL_FILE = "labels.toml"
 
@@ -18,16 +19,32 @@ def run(arguments: argparse.Namespace) -> int:
     files = sorted(folder.glob("*.zip"))
     if not files:
         raise UsageError(f"{folder} holds no bundle (*.zip); write one with mbsbench submit")
-    labels = _read_labels(folder / LABEL_FILE)
-    rows = rank_entries([(read_entry(file), labels.get(file.name, INDEPENDENT)) for file in files])
+    labels, closing = _read_labels(folder / LABEL_FILE), read_closing(folder)
+    read = [(read_entry(file, closing=closing), labels.get(file.name, INDEPENDENT)) for file in files]
+    rows = rank_entries(read)
     from ..reports.ladder import write_page  # here: it takes a second to load
 
-    write_page(folder / "index.html", rows)
+    write_page(folder / "index.html", rows, closing.value if closing else None)
+    if arguments.json:
+        for r in rows:
+            print_json(_describe(r, trial=closing is None))
+        return 1 if any(r.forged for r in rows) else 0
+    if closing is None:
+        console().print(f"trial: {folder / FILE} states no value and no digests entered before it; any seed goes")
     for r in rows:
         words = f"removed: {r.forged[0]}" if r.forged else f"{r.points} points, {r.cost.value:.2g} s"
-        console().print(f"{r.rank or '-'}  {r.solver} ({r.label}): {words}")
+        unfenced = ", not fenced" * (not r.forged and not r.fenced)
+        console().print(f"{r.rank or '-'}  {r.solver} ({r.label}{unfenced}): {words}")
     console().print(f"page: {folder / 'index.html'}")
     return 1 if any(r.forged for r in rows) else 0
+
+
+def _describe(r: Row, *, trial: bool) -> dict[str, object]:
+    return {
+        "file": r.file, "solver": r.solver, "label": r.label, "rank": r.rank or None, "points": r.points,
+        "solved": r.solved, "false": r.false, "cpu_s": r.cost.value, "leads": r.leads, "fenced": r.fenced,
+        "trial": trial, "removed": list(r.forged),
+    }  # fmt: skip
 
 
 def _read_labels(path: Path) -> dict[str, str]:

@@ -4,6 +4,7 @@ import argparse
 
 from ..harness.execution.runner import new_folder
 from ..harness.ladder.bundling import read_entry, write_bundle
+from ..harness.ladder.closing import TRIAL
 from ..harness.ladder.instances import KINDS, STEPS
 from ..harness.ladder.ranking import rank_entries
 from ..harness.ladder.submission import CPU_LIMIT, REPEATS, read_submission, run_submission
@@ -12,28 +13,40 @@ from .progress import announce
 from .terminal import console, error_console, plural, print_json
 
 UNFENCED = (
-    "warning: this system cannot keep a submission from files and other processes; run what you do not trust elsewhere"
+    "warning: this system cannot keep a submission from files, sockets and other processes, so its entry is marked "
+    "not fenced; run what you do not trust elsewhere"
 )
+TRIED = "trial: without the value of a ladder (--value), which is published once entries are closed"
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run it and write the bundle; return 1 if a success was claimed falsely or nothing is solved, else 0."""
     submission = read_submission(arguments.submission)
+    if arguments.digest:
+        print_json({"digest": submission.digest}) if arguments.json else console().print(submission.digest)
+        return 0
+    trial = arguments.value == TRIAL
     out = writable_file(arguments.out or f"{submission.name}.zip")
     if not submission.fenced:
         error_console().print(UNFENCED)
+    if trial:
+        error_console().print(TRIED)
     folder = new_folder(f"submit-{submission.name}")
     runs = len(KINDS) * len(STEPS[submission.control])
     announce(f"{plural(runs, 'run')}, {REPEATS} times each, then measured: at most {CPU_LIMIT:g} s of CPU each time",
              error_console())  # fmt: skip
-    for r in run_submission(submission, arguments.seed, folder):
+    for r in run_submission(submission, arguments.value, folder):
         if not arguments.json:
             setting = r.dt_s if r.control == "dt" else r.rtol
             console().print(f"{r.status:12} {r.cpu_median_s:8.3g} s  {r.problem} {setting:g}")
     write_bundle(folder, out)
     (row,) = rank_entries([(read_entry(out), "")])
     if arguments.json:
-        print_json({"file": str(out), "points": row.points, "solved": row.solved, "false": row.false})
+        print_json({
+            "file": str(out), "digest": submission.digest, "points": row.points, "solved": row.solved,
+            "false": row.false, "fenced": row.fenced, "trial": trial,
+        })  # fmt: skip
     else:
-        console().print(f"{out}: {row.points} points, {row.solved} of {row.instances} solved, {row.false} false")
+        marks = "; trial" * trial + "; not fenced" * (not row.fenced)
+        console().print(f"{out}: {row.points} points, {row.solved} of {row.instances} solved, {row.false} false{marks}")
     return 0 if row.solved and not row.false and not row.forged else 1

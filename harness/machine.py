@@ -20,8 +20,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .cache import ROOT, cache_folder
+from .cache import ROOT, cache_folder, read_kept
 
+LARGEST = 2**16  # [bytes] of the file with NumPy's names
 NATIVE = "MBSBENCH_NATIVE"
 CORE = "MBSBENCH_CORE"  # the pin with the kernels of this core type of OpenBLAS: only the rounding of BLAS is other
 ENABLED = "NPY_ENABLE_CPU_FEATURES"  # beside the names of what is disabled, NumPy refuses to load
@@ -226,8 +227,10 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
 
 def _read_names(kept: Path) -> str | None:
     """The names in a file that is whole, as its last line shows; else None: without them nothing would be pinned."""
-    names, _, digest = _read(str(kept)).rstrip("\n").rpartition("\n")
-    return names if digest == _digest(names) else None
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        names, _, digest = read_kept(kept, LARGEST).decode().rstrip("\n").rpartition("\n")
+        return names if digest == _digest(names) else None
+    return None
 
 
 def _digest(text: str) -> str:

@@ -249,19 +249,28 @@ def place_of(path: Path | Place) -> Place:
 
 
 def read_whole(path: Path, largest: int = LARGEST) -> bytes:
-    """Return the content of a file that the user named, through links too: a regular file of ``largest`` bytes at most.
+    """Return the content of a file that the user named, as ``open_whole`` takes it."""
+    with open_whole(path, largest) as file:
+        return file.read(os.fstat(file.fileno()).st_size)
+
+
+@contextmanager
+def open_whole(path: Path, largest: int = LARGEST) -> Iterator[BinaryIO]:
+    """Open a file that the user named, through links too: a regular file of ``largest`` bytes at most.
 
     OSError for anything else: a pipe would be waited for, a device read without end.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    about, why = os.fstat(descriptor), (0, "")
+    if not stat.S_ISREG(about.st_mode):
+        why = errno.EINVAL, f"it is {KINDS.get(stat.S_IFMT(about.st_mode), 'no regular file')}, not a file"
+    elif about.st_size > largest:
+        why = errno.EFBIG, f"it has {about.st_size} bytes, more than {largest}"
+    if why[0]:
+        os.close(descriptor)
+        raise OSError(*why, str(path))
     with os.fdopen(descriptor, "rb") as file:
-        about = os.fstat(descriptor)
-        if not stat.S_ISREG(about.st_mode):
-            kind = KINDS.get(stat.S_IFMT(about.st_mode), "no regular file")
-            raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
-        if about.st_size > largest:
-            raise OSError(errno.EFBIG, f"it has {about.st_size} bytes, more than {largest}", str(path))
-        return file.read(about.st_size)
+        yield file
 
 
 def partial_name(name: str, pid: int) -> str:

@@ -11,11 +11,11 @@ from .rendering import write_file
 from .trial import draw_chart
 
 
-def write_page(path: Path, rows: Sequence[Row]) -> None:
-    """Write ``path``: the table of ``rows``, and error against CPU time."""
+def write_page(path: Path, rows: Sequence[Row], value: str | None = None) -> None:
+    """Write ``path``: the table of ``rows``, and error against CPU time; without the published ``value`` a trial."""
     words = "Error against CPU time at each setting, with the same intervals."
     charts = [draw_chart(words, [_plot(rows)], looks(r.solver for r in rows), columns=1)]
-    write_file(path, "ladder.html", title="Ladder", rows=rows, target=TARGET, charts=charts, stamp="")
+    write_file(path, "ladder.html", title="Ladder", rows=rows, target=TARGET, charts=charts, stamp="", value=value)
 
 
 def _plot(rows: Sequence[Row]) -> Plot:

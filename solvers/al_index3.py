@@ -12,9 +12,10 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method, code_option
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, tolerance_of
 from .formulations.methods.alpha import alpha_steps
+from .plain import generalized_alpha
 
 
 @solver("al_index3")
@@ -28,9 +29,13 @@ class AlIndex3(ClosedMarch):
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
-    code: str = code_option()
+    code: str = code_option(*WITH_PLAIN)
     order: ClassVar[float] = 2.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         method = alpha_steps(problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True)
         return replace(method, code=self.code)
+
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        tolerance, _ = tolerance_of(self.tolerance, problem)
+        return generalized_alpha.integrate(problem, control, tolerance, beta=0.25, gamma=0.5, projected=True)

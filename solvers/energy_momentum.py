@@ -13,10 +13,11 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import Marched, Method, code_option
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.compiled.host import Marched, Method, code_option, tolerance_of
 from .formulations.methods.energy_momentum import mean_value_steps
 from .formulations.refusals import without_gradient
+from .plain import energy_momentum
 
 
 @solver("energy_momentum")
@@ -27,7 +28,7 @@ class EnergyMomentum(Marched):
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
-    code: str = code_option("kernel", "mechanism")
+    code: str = code_option("kernel", "mechanism", "plain")
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
@@ -36,3 +37,6 @@ class EnergyMomentum(Marched):
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         return mean_value_steps(problem, self.tolerance, self.code)
+
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        return energy_momentum.integrate(problem, control, tolerance_of(self.tolerance, problem)[0])

@@ -55,6 +55,7 @@ class GcAugmentedLagrangian(GaugeChoices):
     variant: ClassVar[str] = "AL, "
     control: ClassVar[str] = "dt"
     order: ClassVar[float] = 2.0
+    has_plain: ClassVar[bool] = True
 
     @property
     def follows_paper(self) -> bool:
@@ -68,6 +69,8 @@ class GcAugmentedLagrangian(GaugeChoices):
             return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
         if self.loop == "nested" and self.code == "mechanism":
             return "the nested loop is not the simplified method's: use code = kernel"
+        if self.code == "plain" and (self.loop != "nested" or self.correct_pose != "never"):
+            return "plain steps are those of Sect. 4.3: set loop = nested and correct_pose = never"
         return self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
@@ -93,7 +96,8 @@ class GcAugmentedLagrangian(GaugeChoices):
         notes = [*out.notes, rank, *self.notes(problem)]
         if correct:
             notes.append("poses corrected to phi = 0 after every step, which Sect. 4.3 does not do")
-        loose = np.flatnonzero(np.nan_to_num(out.diagnostics["penalty"], nan=self.penalty) < self.penalty)
+        used = out.diagnostics.get("penalty", np.full(len(out.t), self.penalty))
+        loose = np.flatnonzero(np.nan_to_num(used, nan=self.penalty) < self.penalty)
         if len(loose) and self.loop == "proximal" and self.singular_turn:
             after = out.t[loose[0]]
             notes.append(

@@ -27,6 +27,7 @@ class GcWeakForm(GaugeChoices):
     name: ClassVar[str]
     control: ClassVar[str] = "dt"
     order: ClassVar[float] = 2.0
+    has_plain: ClassVar[bool] = True
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Redundant rows, which make the Newton matrix singular, and incompatible options."""

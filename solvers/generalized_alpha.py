@@ -9,13 +9,14 @@ period, or the iteration fails.
 """
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method, code_option
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, tolerance_of
 from .formulations.methods.alpha import alpha_steps
+from .plain import generalized_alpha
 
 
 @solver("generalized_alpha")
@@ -30,16 +31,22 @@ class GeneralizedAlpha(ClosedMarch):
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
-    code: str = code_option()
+    code: str = code_option(*WITH_PLAIN)
     order: ClassVar[float] = 2.0
 
-    def _method(self, problem: Problem, control: StepControl) -> Method:
+    @property
+    def _scheme(self) -> dict[str, Any]:
+        """Chung and Hulbert's parameters of ``rho_inf``."""
         rho = self.rho_inf
         alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
-        method = alpha_steps(
-            problem, self.tolerance, alpha_m=alpha_m, alpha_f=alpha_f, beta=beta, gamma=gamma,
-            stabilised=self.form == "stabilised",
-        )  # fmt: skip
-        return replace(method, code=self.code)
+        return {"alpha_m": alpha_m, "alpha_f": alpha_f, "beta": beta, "gamma": gamma,
+                "stabilised": self.form == "stabilised"}  # fmt: skip
+
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        return replace(alpha_steps(problem, self.tolerance, **self._scheme), code=self.code)
+
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        tolerance, _ = tolerance_of(self.tolerance, problem)
+        return generalized_alpha.integrate(problem, control, tolerance, **self._scheme)

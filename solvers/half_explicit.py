@@ -12,9 +12,10 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import Marched, Method, code_option
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.compiled.host import WITH_PLAIN, Marched, Method, code_option
 from .formulations.methods.half_explicit import half_explicit_steps
+from .plain import half_explicit
 
 
 @solver("half_explicit")
@@ -25,10 +26,13 @@ class HalfExplicit(Marched):
     tolerance: float = option(
         1e-11, "tolerance on the last correction of a stage's velocities (m/s, rad/s)", "m/s", above=0.0
     )
-    code: str = code_option()
+    code: str = code_option(*WITH_PLAIN)
 
     order: ClassVar[float] = 4.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         method = half_explicit_steps(self.tolerance)
         return replace(method, code=self.code)
+
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        return half_explicit.integrate(problem, control)

@@ -11,10 +11,11 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method, code_option
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, tolerance_of
 from .formulations.methods.compositions import COMPOSITIONS
 from .formulations.methods.rattle import symplectic_steps
+from .plain import rattle
 
 
 @solver("lie_variational")
@@ -25,9 +26,12 @@ class LieVariational(ClosedMarch):
     tolerance: float = option(
         1e-13, "tolerance on phi in a step's iteration, at least 16 roundings (axis rows: no unit)", "m", above=0.0
     )
-    code: str = code_option()
+    code: str = code_option(*WITH_PLAIN)
     order: ClassVar[float] = 2.0
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         method = symplectic_steps(problem, COMPOSITIONS["plain"][0], self.tolerance, discrete=True)
         return replace(method, code=self.code)
+
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        return rattle.integrate(problem, control, tolerance_of(self.tolerance, problem)[0], discrete=True)

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method, code_option
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, tolerance_of
 from .formulations.methods.compositions import COMPOSITIONS, RATE
 from .formulations.methods.rattle import symplectic_steps
+from .plain import rattle
 
 HOW = "plain (order 2), or composed: Suzuki's five steps (4), Kahan and Li's nine (6) or seventeen (8)"
 
@@ -27,13 +28,22 @@ class Rattle(ClosedMarch):
     tolerance: float = option(
         1e-13, "tolerance on phi in a step's iteration, at least 16 roundings (axis rows: no unit)", "m", above=0.0
     )
-    code: str = code_option()
+    code: str = code_option(*WITH_PLAIN)
 
     @property
     def order(self) -> float:
         """2, or that of the composition."""
         return float(COMPOSITIONS[self.composition][1])
 
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Rows without phi, and of plain steps compositions and changing steps."""
+        if self.code == "plain" and (self.composition != "plain" or self.rate):
+            return "plain steps are those of order 2 of one size: leave out composition and rate"
+        return super().refuses(problem, control)
+
     def _method(self, problem: Problem, control: StepControl) -> Method:
         method = symplectic_steps(problem, COMPOSITIONS[self.composition][0], self.tolerance, rate=self.rate)
         return replace(method, code=self.code)
+
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        return rattle.integrate(problem, control, tolerance_of(self.tolerance, problem)[0])

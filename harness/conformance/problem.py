@@ -28,7 +28,7 @@ def check_problem(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
     """Every requirement on the problem ``name``; its code runs elsewhere."""
     ended = Apart(lambda send: _measure(name, plugins, send), limit=LIMIT, memory=MEMORY, code=CODE_LIMIT).wait()
     found = [msgspec.convert(json.loads(line), Finding) for line in ended.sent.splitlines()]
-    words = f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} here"
+    words = ended.describe_limit(LIMIT, MEMORY) or f"its process {ended.words} here"
     for _ in REQUIREMENTS[len(found) :]:
         found.append(fail(words))
         words = "not reached: an earlier test ended the process"

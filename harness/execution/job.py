@@ -115,7 +115,12 @@ def cut_short(job: Job, by: EndedBy, **columns: Any) -> RunRecord:
 
 def record_unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
     """The record of a process that left none; ``by`` and ``limit`` [s] say why it was killed, if it was."""
-    if ended.over in ("cpu", "code") and by is EndedBy.WALL_LIMIT:
+    said = {}
+    if ended.over == "memory" and by is EndedBy.WALL_LIMIT:
+        by, limit = EndedBy.MEMORY_LIMIT, math.nan
+        allowed = f"more than its limit of {job.spec.memory:g} MB beyond what was loaded"
+        said = {"message": f"took {ended.peak:.0f} MB with all that it started, {allowed}"}
+    elif ended.over in ("cpu", "code") and by is EndedBy.WALL_LIMIT:
         by, limit = (EndedBy.CPU_LIMIT, math.nan) if ended.over == "cpu" else (EndedBy.CODE_LIMIT, CODE_LIMIT)
     if not ended.killed:
         limit = math.nan
@@ -135,7 +140,7 @@ def record_unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: f
         "signal": max(-ended.code, 0),
         "ended_limit_s": limit,
     }
-    return cut_short(job, by, wall_s=wall, peak_memory_MB=ended.peak, **ending)
+    return cut_short(job, by, wall_s=wall, peak_memory_MB=ended.peak, **ending, **said)
 
 
 def first_line(error: BaseException) -> str:

@@ -199,7 +199,7 @@ class Run(Apart):
         bare = sent[MEASURING]
         if bare.ended_by != EndedBy.EXIT or bare.exit_code != 0:
             return bare, False
-        late = dataclasses.replace(ended, killed=ended.killed or ended.code == -signal.SIGXCPU)
+        late = dataclasses.replace(ended, killed=ended.at_limit)
         return record_unfinished(self.job, late, wall, EndedBy.MEASURE_LIMIT, self.measure_limit), False
 
     def _read(self, sent: str) -> dict[str, RunRecord]:

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from ..files import FileError
 from ..places import Place
-from ..results import codes, environment, store
+from ..results import codes, environment, stamps, store
 from ..results.provisional import files_of, is_provisional
 from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
@@ -85,7 +85,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         before = store.load(folder)
         store.set_aside(folder, before.unreadable)
         (Place(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
-        where = _stamp(request)
+        where, stamped = _stamp(request)
         jobs = _jobs(request, folder.resolve(), where)
         own, whole = {job.id for job in jobs}, {spec.settings_id for spec in request.suite.specs}
         again, killed = _provisional(folder, own, before.records)
@@ -117,11 +117,16 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
             raise
         loaded = collect_results()
         there = {r.run_id: r for r in loaded.records}
-        lost = [i for i in done & own if i not in there]
-        lost += [i for i, r in promised.items() if r is None or not store.is_there(folder, r, there.get(i))]
+        lost = [i for i in done & own if i not in there or not stamps.has_its_series(folder, there[i])]
+        lost += [i for i, r in promised.items() if r is None or not stamps.is_there(folder, r, there.get(i))]
         if lost:
             raise PoolError(
                 f"{len(lost)} of {len(jobs)} results in {folder} are gone, or not as they were written; "
+                "see what else writes there, then run again with --resume"
+            )
+        if changed := [name for name, text in stamped.items() if not _holds(Place(folder) / name, text)]:
+            raise PoolError(
+                f"{', '.join(changed)} in {folder} {'is' if len(changed) == 1 else 'are'} gone, or not as written; "
                 "see what else writes there, then run again with --resume"
             )
         left = [job for job in waiting if job.id not in there]
@@ -202,21 +207,28 @@ def last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
     return max(found, default=None)
 
 
-def _stamp(request: Request) -> str:
-    """Write ``environment.json``, ``suite.toml`` and what it includes; returns how records name this environment.
+def _holds(place: Place, text: str) -> bool:
+    with contextlib.suppress(OSError):
+        return place.read(len(text.encode())) == text.encode()
+    return False
 
-    The stamp of an earlier start is kept beside.
+
+def _stamp(request: Request) -> tuple[str, dict[str, str]]:
+    """Write ``environment.json``, ``suite.toml`` and what it includes; the stamp of an earlier start is kept beside.
+
+    Returns how records name this environment, and what was written, by name.
     """
     folder, suite = request.folder, request.suite
     stamp = environment.stamp(folder.name, suite.name, request.jobs, suite.plugins)
     stamp["suite_runs"] = len(suite.specs)  # of the whole suite, whatever part of it is asked for now
-    here, own = Place(folder), Place(folder) / "environment.json"
+    suites = {f"{name}.toml": text for name, text in ((OWN_COPY, suite.text), *suite.included)}
+    stamp = stamps.seal(stamp, suites)  # what is included lies beside it: the copy is a suite that can be run
+    here, own = Place(folder), Place(folder) / stamps.NAME
     if own.is_there():
         (here / f"environment.{stamp['started'].replace(':', '')}.json").write(own.read(store.LARGEST))
     where = environment.identity(stamp)
-    for name in (own.name, f"environment.{where}.json"):
-        (here / name).write(json.dumps(stamp, indent=1))
-    (here / f"{OWN_COPY}.toml").write(suite.text)
-    for name, text in suite.included:  # beside it: the copy is a suite that can be run
-        (here / f"{name}.toml").write(text)
-    return where
+    text = json.dumps(stamp, indent=1)
+    written = {own.name: text, f"environment.{where}.json": text, **suites}
+    for name, content in written.items():
+        (here / name).write(content)
+    return where, written

@@ -107,8 +107,9 @@ def _begin(settings: Settings, chunk: Sequence[Pair]) -> Apart:
 
 
 def _crash(pair: Pair, ended: Ended) -> Outcome:
-    words = f"over its limit of {ended.over} time" if ended.over else ended.words
-    return Outcome(pair[1], Kind.FAILED if ended.over else Kind.CRASHED, words=words, number=pair[0])
+    what = "memory" if ended.over == "memory" else f"{ended.over or 'cpu'} time"
+    words = f"over its limit of {what}" if ended.at_limit else ended.words
+    return Outcome(pair[1], Kind.FAILED if ended.at_limit else Kind.CRASHED, words=words, number=pair[0])
 
 
 def _warm(seed: int, solvers: Iterable[str]) -> None:

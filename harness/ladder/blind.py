@@ -55,7 +55,9 @@ class Task:
 def shut_in(folder: Path) -> bool:
     """Before any code of a submission runs: let it work in ``folder`` and find no answers. False where it still can."""
     os.chdir(folder)
-    os.environ["TMPDIR"] = str(folder)
+    os.environ.update({"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder)})
+    if "numba" in sys.modules:  # it has read the environment; without a place it refuses @njit(cache=True)
+        sys.modules["numba"].config.CACHE_DIR = str(folder)
     return keep_in_folder(folder, HIDDEN)
 
 

@@ -6,20 +6,24 @@ import math
 import subprocess
 import sys
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..bundle.archive import MANIFEST, write_archive
 from ..bundle.contents import list_contents
 from ..files import FileError, parse_json, parse_toml
+from ..places import open_whole
 from ..results import records, store
 from ..results.environment import ROOT
 from ..results.records import RunRecord
+from ..text import printable
 from ..types import Status
+from .closing import Closing
 from .instances import KINDS, STEPS, Instance, Kind, draw_instances
 
 CHECKER = ROOT / "checker" / "check_bundle.py"
 CHECK_LIMIT = 60.0  # [s] of wall time for the checker
+ABOUT = ("submission", "digest", "seed")  # of its suite.toml
 CONTROL = {"dt": "dt_s", "rtol": "rtol"}  # columns of records
 LARGEST_BUNDLE = 2**30  # [bytes] of all its files
 LARGEST = 2**26  # [bytes] of the suite and of all records together
@@ -35,6 +39,7 @@ class Entry:
     seed: str
     records: tuple[RunRecord, ...]
     forged: tuple[str, ...] = ()
+    fenced: bool = False  # whether its runs were kept from all that is not theirs, as who ran them says
 
 
 def write_bundle(folder: Path, path: Path) -> None:
@@ -42,44 +47,66 @@ def write_bundle(folder: Path, path: Path) -> None:
     write_archive(path, list_contents(folder, store.newest(store.load(folder).records), lossless=True))
 
 
-def read_entry(path: Path, kinds: tuple[Kind, ...] = KINDS) -> Entry:
-    """What a bundle says, and where it cannot be believed: its manifest, its instances, its numbers."""
-    found = _check_manifest(path)
-    if found:
-        return Entry(path.name, path.stem, "", "", (), tuple(found))
+def read_entry(path: Path, kinds: tuple[Kind, ...] = KINDS, closing: Closing | None = None) -> Entry:
+    """What a bundle says, and where it cannot be believed: its manifest, its instances, its numbers, its seed."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            texts = [_read(archive, name) for name in ("suite.toml", "records.json")]
-        about = parse_toml(texts[0], "suite.toml")
-        solver, digest, seed = (str(about[name]) for name in ("submission", "digest", "seed"))
-        given = tuple(records.from_json(json.dumps(plain)) for plain in parse_json(texts[1], "records.json"))
-    except (FileError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        return Entry(path.name, path.stem, "", "", (), (f"it is no bundle of a submission: {error}",))
-    found += [f"{r.case}: {words}" for r in given if (words := _check_numbers(r))]
+        entry = _read_entry(path, kinds)
+    except Exception as error:  # a file of others may lead to any: it costs this entry, and no other
+        words = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+        entry = _no_entry(path, f"it is no bundle of a submission: {words}")
+    if closing and not entry.forged and (words := closing.complain(entry.digest, entry.seed)):
+        return replace(entry, forged=(words,))
+    return entry
+
+
+def _no_entry(path: Path, *why: str) -> Entry:
+    return Entry(printable(path.name), printable(path.stem), "", "", (), tuple(map(printable, why)))
+
+
+def _read_entry(path: Path, kinds: tuple[Kind, ...]) -> Entry:
+    with open_whole(path, LARGEST_BUNDLE) as file, zipfile.ZipFile(file) as archive:
+        if found := _check_manifest(archive):
+            return _no_entry(path, *found)
+        about = parse_toml(_read(archive, "suite.toml"), "suite.toml")
+        plain = parse_json(_read(archive, "records.json"), "records.json")
+    if missing := [name for name in ABOUT if name not in about]:
+        return _no_entry(path, f"its suite.toml has no {', '.join(missing)}")
+    solver, digest, seed = (str(about[name]) for name in ABOUT)
+    if not solver.isidentifier():
+        return _no_entry(path, f"its solver has no name of one: {solver[:100]!r}")
+    given = tuple(records.from_json(json.dumps(one)) for one in plain)
+    found = [f"{r.case}: {words}" for r in given if (words := _check_numbers(r))]
     found += _check_instances(given, solver, draw_instances(digest, seed, kinds))
     found += check_bundle(path)
-    return Entry(path.name, solver, digest, seed, given, tuple(found))
+    fenced = about.get("fenced") is True
+    return Entry(printable(path.name), solver, digest, seed, given, tuple(map(printable, found)), fenced)
 
 
-def _check_manifest(path: Path) -> list[str]:
+def _check_manifest(archive: zipfile.ZipFile) -> list[str]:
     """Where a bundle differs from its manifest, a line each."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            sizes = {m.filename: m.file_size for m in archive.infolist()}
-            if len(sizes) != len(archive.infolist()) or MANIFEST not in sizes or sum(sizes.values()) > LARGEST_BUNDLE:
-                return [f"a name twice, no {MANIFEST}, or more than {LARGEST_BUNDLE} bytes"]
-            lines = archive.read(MANIFEST).decode().splitlines()
-            stated = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
-            found = {name: hashlib.sha256(archive.read(name)).hexdigest() for name in sizes if name != MANIFEST}
-    except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile) as error:
-        return [f"not a whole zip file: {error}"]
+    sizes = {m.filename: m.file_size for m in archive.infolist()}
+    if len(sizes) != len(archive.infolist()) or MANIFEST not in sizes or sum(sizes.values()) > LARGEST_BUNDLE:
+        return [f"a name twice, no {MANIFEST}, or more than {LARGEST_BUNDLE} bytes"]
+    lines = _read(archive, MANIFEST).splitlines()
+    stated = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+    found = {name: _digest_member(archive, name) for name in sizes if name != MANIFEST}
     return [f"{name} is not as its manifest says" for name in sorted(dict(found.items() ^ stated.items()))]
 
 
+def _digest_member(archive: zipfile.ZipFile, name: str) -> str:
+    with archive.open(name) as member:  # in pieces: it may be as large as a bundle
+        return hashlib.file_digest(member, "sha256").hexdigest()  # type: ignore[arg-type]
+
+
 def _read(archive: zipfile.ZipFile, name: str) -> str:
+    if name not in archive.namelist():
+        raise FileError(f"it has no {name}")
     if archive.getinfo(name).file_size > LARGEST:
         raise FileError(f"{name} is too large")
-    return archive.read(name).decode()
+    try:
+        return archive.read(name).decode()
+    except UnicodeDecodeError as error:
+        raise FileError(f"{name} is no text in UTF-8: {error.reason} at byte {error.start}") from None
 
 
 def _check_numbers(r: RunRecord) -> str:

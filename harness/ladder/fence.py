@@ -1,4 +1,7 @@
-"""What a submission may read and write, as Linux keeps it (landlock(7)): one folder to write to, no TCP."""
+"""What a submission may reach, as Linux keeps it: one folder to write to, no answers, no socket, no other process.
+
+landlock(7) keeps files and signals; what it leaves open is refused by number (``calls``).
+"""
 
 import ctypes
 import os
@@ -7,13 +10,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..sandbox.isolation import CREATE_RULESET, RESTRICT_SELF
+from .calls import refuse_calls
 
 ADD_RULE, BENEATH = 445, 1  # system call, kind of rule
 WRITE, READ, TRUNCATE, REFER = 1 << 1, 1 << 2, 1 << 14, 1 << 13
 REMOVE_AND_MAKE = sum(1 << k for k in range(4, 13))  # folders, files, links, pipes, sockets, devices
 TCP = 0b11  # bind and connect
 NEW_USERS_AND_IPC = 0x10000000 | 0x08000000  # namespaces(7): keyrings, shared memory and queues of System V
-SIGNALS = 6  # the first version that keeps them in (``sandbox.isolation``)
+SIGNALS, ABSTRACT = 6, 1  # the first version that keeps signals in (``sandbox.isolation``), and abstract Unix sockets
 VERSIONS = ((3, TRUNCATE), (2, REFER), (1, READ | WRITE | REMOVE_AND_MAKE))  # the first that has the right
 
 
@@ -25,17 +29,18 @@ class _Beneath(ctypes.Structure):
 def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     """Let this process and all that it starts write below ``folder`` alone, and read no file below those ``hidden``.
 
-    Returns whether the system does so, and keeps it from signals and memory of others (Linux 6.12 and later).
+    Returns whether the system does all of it, signals to others (Linux 6.12 and later), sockets, attributes of files
+    and priorities of others included. Root must also lose its rights to a namespace of its own.
     """
     if not sys.platform.startswith("linux"):
         return False
-    system = ctypes.CDLL(None).syscall
+    system, user = ctypes.CDLL(None).syscall, os.getuid()
     apart = _leave_memory_behind()
     version = system(CREATE_RULESET, None, ctypes.c_size_t(0), 1)
     if version < 1:
         return False
     rights = sum(right for since, right in VERSIONS if version >= since)
-    handled = (ctypes.c_uint64 * 2)(rights, TCP if version >= 4 else 0)
+    handled = (ctypes.c_uint64 * 3)(rights, TCP if version >= 4 else 0, ABSTRACT if version >= SIGNALS else 0)
     ruleset = system(CREATE_RULESET, handled, ctypes.c_size_t(ctypes.sizeof(handled)), 0)
     places = [(folder, rights), (Path(os.devnull), READ | WRITE), *((p, READ) for p in _all_but(hidden, Path("/")))]
     for place, allowed in places:
@@ -48,17 +53,21 @@ def keep_in_folder(folder: Path, hidden: Sequence[Path]) -> bool:
         os.close(parent)
     done = system(RESTRICT_SELF, ruleset, 0) == 0
     os.close(ruleset)
-    return done and apart and version >= SIGNALS
+    refused = refuse_calls()
+    return done and refused and version >= SIGNALS and (apart or bool(user))
 
 
 def _leave_memory_behind() -> bool:
-    """Share no memory of the system with processes before or after this one; False where it does not let us."""
+    """Share no memory of System V with processes before or after this one, and lose root's rights; False where not."""
     user, group = os.getuid(), os.getgid()
-    done = bool(ctypes.CDLL(None).unshare(NEW_USERS_AND_IPC) == 0)
-    if done:
+    if ctypes.CDLL(None).unshare(NEW_USERS_AND_IPC):
+        return False
+    try:
         for name, line in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
             Path(f"/proc/self/{name}").write_text(line, encoding="ascii")
-    return done
+    except OSError:  # a process whose memory is shut, or a system that gives no rights in a namespace
+        return False
+    return True
 
 
 def _all_but(hidden: Sequence[Path], folder: Path) -> Iterator[Path]:

@@ -45,6 +45,7 @@ class Row:
     forged: tuple[str, ...] = ()
     rank: int = 0
     leads: bool = False  # run by us, and no other entry meets an error as small for surely less
+    fenced: bool = False  # whether its runs were kept from all that is not theirs
 
 
 def rank_entries(entries: Sequence[tuple[Entry, str]]) -> list[Row]:
@@ -87,7 +88,7 @@ def _instance(r: RunRecord) -> str:
 def _row(entry: Entry, label: str) -> Row:
     nothing = Interval(math.nan, math.nan, math.nan)
     if entry.forged:
-        return Row(entry.file, entry.solver, label, 0, 0, 0, 0, nothing, (), entry.forged)
+        return Row(entry.file, entry.solver, label, 0, 0, 0, 0, nothing, (), entry.forged, fenced=entry.fenced)
     instances = dict[str, list[RunRecord]]()
     for r in entry.records:
         instances.setdefault(_instance(r), []).append(r)
@@ -96,7 +97,7 @@ def _row(entry: Entry, label: str) -> Row:
     cheapest = [min(met) for runs in honest if (met := [r.cpu_median_s for r in runs if error_of(r) <= TARGET])]
     return Row(
         entry.file, entry.solver, label, len(cheapest) + FALSE * false, len(cheapest), len(instances), false,
-        mean_of(np.array(cheapest)), tuple(_frontier(honest)),
+        mean_of(np.array(cheapest)), tuple(_frontier(honest)), fenced=entry.fenced,
     )  # fmt: skip
 
 

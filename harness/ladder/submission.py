@@ -53,7 +53,7 @@ class Submission:
     control: str  # dt or rtol
     plugin: str  # a file; empty for a solver of the catalogue
     digest: str
-    fenced: bool = True  # whether this system keeps it from files, answers and other processes
+    fenced: bool = False  # whether this system keeps it from files, answers, sockets and other processes
 
 
 class Refused(ValueError):
@@ -64,7 +64,7 @@ def read_submission(given: str) -> Submission:
     """The one solver in a file, which is imported in another process alone, or the solver of that name."""
     if given in registry.solvers():
         digest = digest_of(codes.code_of(KINDS[0].problem, given, ()).encode())
-        return Submission(given, registry.solvers()[given].control, "", digest)
+        return Submission(given, registry.solvers()[given].control, "", digest, _can_fence())
     file = Path(given).resolve()
     if not file.is_file():
         raise Refused(f"{given} is no file and no solver of the catalogue")
@@ -85,6 +85,13 @@ def read_submission(given: str) -> Submission:
     except ValueError:
         raise Refused(f"{given} must be a file that marks one solver and can be imported ({ended.words})") from None
     return Submission(name, control, str(file), digest_of(read_whole(file)), bool(fenced))
+
+
+def _can_fence() -> bool:
+    """Whether this system keeps a process in, tried in one."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        ended = Apart(lambda send: send(str(shut_in(Path(place)))), limit=CPU_LIMIT, memory=MEMORY).wait()
+    return ended.sent.strip() == "True"
 
 
 class Blind:
@@ -144,7 +151,10 @@ def run_submission(
 
 
 def _describe(submission: Submission, seed: str) -> str:
-    about = {"name": "ladder", "submission": submission.name, "digest": submission.digest, "seed": seed}
+    about = {
+        "name": "ladder", "submission": submission.name, "digest": submission.digest, "seed": seed,
+        "fenced": submission.fenced,
+    }  # fmt: skip
     return "".join(f"{key} = {json.dumps(value)}\n" for key, value in about.items())
 
 

@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from ..cache import cache_folder
+from ..cache import cache_folder, read_kept
 from ..code_meter import making_code
 from ..machine import numba_target
 
+LARGEST = 2**26  # [bytes] of a file
 LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # known by their names and versions
 
 
@@ -43,7 +44,11 @@ def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any
 
 
 class Kept:
-    """Numba's interface of a cache, for one callback in one file."""
+    """Numba's interface of a cache, for one callback in one file.
+
+    A pickle, as numba makes it of types and machine code: no plain data would do. It can run code, as what is kept in
+    it does anyway, so only a file of this user is read, in a folder that no other may write to (``harness.cache``).
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -54,7 +59,7 @@ class Kept:
 
         target_context.refresh()
         try:
-            return CompileResult._rebuild(target_context, *pickle.loads(self.path.read_bytes()))
+            return CompileResult._rebuild(target_context, *pickle.loads(read_kept(self.path, LARGEST)))
         except Exception:  # a file from elsewhere is as good as none: it is compiled anew
             return None
 

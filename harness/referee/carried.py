@@ -33,9 +33,9 @@ class Generation(Shape, frozen=True):
     commit: str = ""
     shown: str = ""  # the runs that had equal bits then and at the generation after it
 
-    def is_same_code(self, other: "Generation") -> bool:
-        """Whether all digests are equal."""
-        return all(getattr(self, k) == getattr(other, k) for k in ("solvers", "problems", "measuring", "judging"))
+    def makes_same_runs(self, other: "Generation") -> bool:
+        """Whether all digests are equal that runs come from; judging them is another matter."""
+        return all(getattr(self, k) == getattr(other, k) for k in ("solvers", "problems", "measuring"))
 
     def includes(self, code: Code) -> bool:
         """Whether published verdicts are of this code."""
@@ -73,7 +73,7 @@ def read_carried(path: Place | Path = FILE) -> Carried | None:
 def list_equal() -> tuple[Generation, ...]:
     """List the states of the code whose runs have the bits of the present one, which comes first."""
     here, carried = present(), read_carried()
-    if carried is None or not carried.now.is_same_code(here):
+    if carried is None or not carried.now.makes_same_runs(here):
         return (here,)
     return (here, *reversed(carried.before))
 
@@ -91,7 +91,9 @@ def bring_forward(code: Code) -> Code:
         return code
     now = ({k: of.get(k, "") for k in own} for own, of in
            ((code.solvers, here.solvers), (code.problems, here.problems)))  # fmt: skip
-    judging = here.judging if any(g.judging == code.judging for g in known) else code.judging
+    carried = read_carried()
+    judges_alike = carried is not None and carried.now.judging == here.judging
+    judging = here.judging if judges_alike and any(g.judging == code.judging for g in known) else code.judging
     return msgspec.structs.replace(
         code, solvers=next(now), problems=next(now), measuring=here.measuring, judging=judging
     )
@@ -101,9 +103,10 @@ def carry(
     before: Generation, after: Generation, known: Carried | None, solvers: Collection[str], problems: Collection[str]
 ) -> Carried:
     """Add a generation: what was equal to ``before`` is equal to ``after``, of these solvers and problems."""
-    continues = known is not None and known.now.is_same_code(before)
-    return Carried(after, tuple(_restrict(g, solvers, problems)
-                                for g in (*(known.before if known and continues else ()), before)))  # fmt: skip
+    older = known.before if known is not None and known.now.makes_same_runs(before) else ()
+    if known is not None and known.now.judging != before.judging:  # nobody compared their verdicts
+        older = tuple(msgspec.structs.replace(g, judging="") for g in older)
+    return Carried(after, tuple(_restrict(g, solvers, problems) for g in (*older, before)))
 
 
 def _restrict(g: Generation, solvers: Collection[str], problems: Collection[str]) -> Generation:

@@ -5,6 +5,7 @@ disagree in is their error; the bound is ``SAFETY`` times the largest disagreeme
 exponentially, and the orbit ends where the bound passes the limit it is given, or where a route fails.
 """
 
+import io
 import os
 import tempfile
 import zipfile
@@ -18,13 +19,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from ..cache import cache_folder
+from ..cache import cache_folder, read_kept
 from ..machine import name_arithmetic
 from .collocation import Collocation
 from .extrapolation import Rate, gbs_adaptive
 
 SAFETY = 10.0  # one route may be as wrong as both differ, and errors may cancel at the compared nodes
 FLOOR = 1e-13  # [m] rounding of evaluation
+LARGEST = 2**31  # [bytes] of a file: ours are below a tenth of it
 FOLDER = cache_folder("references", Path(__file__).resolve().parents[2] / "results" / "local")
 
 
@@ -169,7 +171,7 @@ def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orb
 
 def _read(file: Path) -> Orbit | None:
     try:
-        with np.load(file) as stored:
+        with np.load(io.BytesIO(read_kept(file, LARGEST))) as stored:
             stiff = bool(stored.get("stiff", False))  # older files of certified motions have none
             return Orbit(**{name: stored[name] for name in ("t", "y", "F", "bound_t", "bound")}, stiff=stiff)
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):  # absent, or damaged: computed anew

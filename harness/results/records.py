@@ -56,7 +56,7 @@ class RunRecord:
     t_end_s: float = column("simulated time asked for")
     cpu_limit_s: float = column("limit on the CPU time of the run")
     wall_limit_s: float = column("limit on its wall time, a safety net; in older records there was no other")
-    memory_limit_MB: float = column("limit on the memory of the run's process")
+    memory_limit_MB: float = column("limit on the memory of the run's process, with all that it starts")
 
     # how it ended
     status: str = column("harness.types.Status: success, inaccurate, wrong, refused, ...", "")
@@ -179,7 +179,9 @@ class RunRecord:
     )
     wall_s: float = column("wall time of the whole run: process, set-up, solve, measuring")
     measure_s: float = column("wall time of measuring alone")
-    peak_memory_MB: float = column("largest resident memory of the process")
+    peak_memory_MB: float = column(
+        "largest resident memory of the process; over its limit, of all that it started, too"
+    )
 
     # files, relative to the results folder
     series: str = column("the run's series file, empty if there is none", "")

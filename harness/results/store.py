@@ -23,6 +23,7 @@ from ..text import printable
 from ..types import Status
 from .records import COLUMNS, SCHEMA, RunRecord, from_json, to_json
 from .series import Series, read_series
+from .stamps import find_changed
 
 if TYPE_CHECKING:
     import pandas as pd  # imported late: a run's process stores its record and needs no tables
@@ -33,16 +34,9 @@ LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
 LOCK = ".lock"  # held by the one command that makes runs
 OTHERS = (
-    LOCK,
-    ".spool",
-    "environment.json",
-    "judgement",
-    "report",
-    "runs.parquet",
-    "set_aside",
-    "shadows.json",
+    LOCK, ".spool", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "shadows.json",
     "suite.toml",
-)
+)  # fmt: skip
 IN_PART = {part: re.compile(rf"{part}/[\w-][\w.-]*") for part in ("series", "stderr")}
 SCHEMA_IN_FILE = re.compile(rb'\\"schema\\": (\d{1,9})\b')  # of a record inside its file
 
@@ -187,14 +181,6 @@ def record_in(name: str, text: bytes) -> RunRecord:
     return record
 
 
-def is_there(folder: Path, promised: RunRecord, found: RunRecord | None) -> bool:
-    """Whether a record that was written is still the one on disk, with its series."""
-    return (
-        found is not None and to_json(found) == to_json(promised)
-        and (not found.series or (Place(folder) / found.series).is_own_file())
-    )  # fmt: skip
-
-
 def native_of(folder: Path, record: RunRecord) -> str:
     """The standard error of a run as it can be printed; why it cannot be read, or empty if there is none."""
     if not record.stderr:
@@ -213,7 +199,7 @@ def load(folder: Path, *, check_series: bool = True) -> Loaded:
     runs = Place(folder) / "runs"
     if not runs.is_folder():
         raise FileError(f"{folder} holds no results (it has no runs/)")
-    good, bad = [], []
+    good, bad = [], [Unreadable(*changed) for changed in find_changed(folder)]
     for name, content in runs.contents(LARGEST):
         place = runs / name
         try:

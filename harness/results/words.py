@@ -102,7 +102,7 @@ def words_of_ending(record: RunRecord) -> str:
         EndedBy.SIGNAL: _describe_signal(r),
         EndedBy.KILLED: f"{_describe_signal(r)}, sent from outside the run",
         EndedBy.SUSPENDED: "not finished here: its limit passed while the harness was suspended; --resume repeats it",
-        EndedBy.MEMORY_LIMIT: f"{_describe_signal(r)}, near its memory limit" if r.signal else printable(r.message),
+        EndedBy.MEMORY_LIMIT: printable(r.message) or f"{_describe_signal(r)}, near its memory limit",
         EndedBy.SUPERVISOR_LOST: "the supervisor process died twice "
         f"(code {r.exit_code - r.signal}) during this run, the second time with this run alone",
         EndedBy.WORKERS_LOST: f"its worker died {WORKERS} or more times",

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below
+from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below, descendants
 from ..code_meter import CodePage, CodeReading, listen_to_numba, page_for_child, report_to
 from ..places import Place
 from .isolation import BEGUN, PATIENCE, Target, end_descendants, fork, kill_descendants, kill_group
+from .memory import megabytes, megabytes_at_most, own_megabytes
 
-Limit = Literal["", "cpu", "wall", "code"]
+Limit = Literal["", "cpu", "wall", "code", "memory"]
 Above = Literal["keeper", "here", "itself"]
 NOWHERE = Path(os.devnull)
 SLACK = 10.0  # wall time for a second of CPU, on a machine that does other work too
@@ -48,6 +49,16 @@ class Ended:
     unbegun: str = ""  # why its target never began: no fault of its target
 
     @property
+    def at_limit(self) -> bool:
+        """Whether it was ended at a limit: by us, or by the system at the same limit on CPU time."""
+        return self.killed or self.code == -signal.SIGXCPU
+
+    def describe_limit(self, limit: float, memory: float) -> str:
+        """``timed out after 30 s``, or the memory that it took; empty where no limit, [s] and [MB], ended it."""
+        words = f"took more than {memory:g} MB" if self.over == "memory" else f"timed out after {limit:g} s"
+        return words if self.at_limit else ""
+
+    @property
     def words(self) -> str:
         """``ended by SIGSEGV`` or ``exited with code 3``."""
         known = -self.code in set(signal.Signals)
@@ -61,7 +72,9 @@ class Apart:
         self, target: Target, *, limit: float, memory: float, wall: float | None = None,
         stderr: Path | Place = NOWHERE, above: Above = "keeper", code: float = 0.0,
     ) -> None:  # fmt: skip
-        """Run ``target(send)`` with ``limit`` [s] of CPU time, all that it starts included, and ``memory`` [MB].
+        """Run ``target(send)`` with ``limit`` [s] of CPU time and ``memory`` [MB], all that it starts included.
+
+        The memory is that beyond what is loaded here. The system keeps the limit on each process; ours is on the sum.
 
         After ``wall`` [s] it is killed, too: a safety net for what waits without end, ``SLACK`` times the limit unless
         given. What a busy machine slows down stays within it. ``above`` names who ends what it leaves: a keeper, this
@@ -69,6 +82,7 @@ class Apart:
         that its meter reports is left out of both limits, up to ``code`` [s], which is a limit of its own.
         """
         self.above, self.code = above, code
+        self.memory = memory + own_megabytes() if math.isfinite(memory) else math.inf  # [MB] of its tree
         page, slot = page_for_child() if code else (CodePage(), 0)
         self._reading = CodeReading(page, slot)
 
@@ -84,7 +98,7 @@ class Apart:
         self.limit, self.used = limit, dict[int, float]()  # [s], by process
         self.deadline = time.monotonic() + (SLACK * limit if wall is None else wall)
         self.over: Limit = ""
-        self._next = self._killed_at = self._used = 0.0
+        self._next = self._killed_at = self._used = self._tree = 0.0
         self.killed = self.suspended = self.begun = False
         self._looked = time.monotonic()
         self.closed_at = 0.0  # when it closed its pipe: it is about to end
@@ -122,6 +136,7 @@ class Apart:
         if not self.closed_at:
             os.close(self.pipe)
         code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss * MAXRSS
+        peak = max(peak, self._tree) if self.over == "memory" else peak
         left = end_descendants()[1] if self.above == "here" else 0.0
         cpu = max(usage.ru_utime + usage.ru_stime + left, sum(self.used.values()))
         if code == -signal.SIGXCPU and self._reading.is_making():
@@ -144,8 +159,9 @@ class Apart:
             if now > self._killed_at + 2.0 * PATIENCE:
                 kill_group(self.pid)
             return
-        if now > self._next and (math.isfinite(self.limit) or self.code):
+        if now > self._next and (math.isfinite(self.limit) or self.code or math.isfinite(self.memory)):
             self._next = now + EVERY
+            self._check_memory()
             self.used |= cpu_by_process(self.root)
             own = cpu_seconds() if self.above == "here" else 0.0
             used = max(sum(self.used.values()), cpu_seconds_below(self.root) - own)  # who waited knows short children
@@ -153,9 +169,16 @@ class Apart:
         code_s = self.code_seconds
         solving, late = self._used - code_s, self.deadline + SLACK * min(code_s, self.code)
         self.over = "code" if code_s > self.code + 1.0 else "cpu" if solving > self.limit + 1.0 else ""
-        self.over = "wall" if now > late else self.over
+        self.over = "wall" if now > late else "memory" if self._tree > self.memory else self.over
         if self.over:
             self.kill()
+
+    def _check_memory(self) -> None:
+        """Look at each page only where the sum that counts shared ones repeatedly is over the limit."""
+        if math.isfinite(self.memory):
+            tree = (*descendants(self.root), *((self.pid,) if self.above == "itself" else ()))
+            if megabytes_at_most(tree) > self.memory:
+                self._tree = max(self._tree, megabytes(tree))
 
     def wait(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
         """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too.

@@ -141,7 +141,8 @@ def close_in() -> None:
         rules = (ctypes.c_uint64 * 3)(0 if signals else MAKE_BLOCK, 0, SCOPE_SIGNAL if signals else 0)
         ruleset = system(CREATE_RULESET, rules, ctypes.c_size_t(ctypes.sizeof(rules)), 0)
         if ruleset >= 0:
-            system(RESTRICT_SELF, ruleset, 0)
+            if system(RESTRICT_SELF, ruleset, 0) == 0:  # keeps it from its like; who started it may look at its memory
+                _prctl(PR_SET_DUMPABLE, 1)
             os.close(ruleset)
 
 

@@ -3,7 +3,6 @@ process is reported in one line. Only a line sent from that process says that it
 """
 
 import json
-import signal
 import threading
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -58,5 +57,4 @@ def _try_elsewhere(what: str, attempt: Callable[[], object]) -> str:
     ended = Apart(run, limit=LIMIT, memory=MEMORY, code=CODE_LIMIT).wait()
     if ended.sent:
         return str(json.loads(ended.sent))
-    late = ended.killed or ended.code == -signal.SIGXCPU
-    return f"{what}: " + (f"timed out after {LIMIT:g} s" if late else f"its process {ended.words} unexpectedly")
+    return f"{what}: {ended.describe_limit(LIMIT, MEMORY) or f'its process {ended.words} unexpectedly'}"

@@ -94,6 +94,9 @@ def verdict(f: judged.Finding) -> str:
     """``reproduced if direction translation``; ``not reproduced``; ``cannot be told, because`` with the reason."""
     if f.verdict is judged.Verdict.CANNOT_BE_TOLD and f.missing:
         return f"{f.verdict}, because {_missing(f.missing[0])}"
+    if f.verdict is judged.Verdict.CANNOT_BE_TOLD and f.left_out:
+        why = (f"{plural(x.settings, 'setting')}: {LEFT_OUT[x.why]}" for x in f.left_out)
+        return f"{f.verdict}, because no setting counts ({'; '.join(why)})"
     if f.verdict is judged.Verdict.REPRODUCED_IF and f.decision:
         return describe_condition(f.decision)
     return str(f.verdict)

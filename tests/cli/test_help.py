@@ -111,7 +111,7 @@ def test_the_version_says_what_a_report_of_a_fault_needs(capsys):
         " ".join(line.split()) for line in out.splitlines()
     }
     for folder in (orbit.FOLDER, code.FOLDER, machine._kept_names().parent):
-        assert f"  {folder} (" in out
+        assert f"  {folder.resolve()} (" in out
 
 
 def test_list_of_one_problem(capsys):

@@ -13,7 +13,7 @@ from mbsbench.harness.cache import ROOT
 @pytest.fixture
 def installed(tmp_path, monkeypatch) -> Path:
     """A package without ``pyproject.toml`` beside it; its user has a cache folder."""
-    monkeypatch.delenv(cache.CHOSEN, raising=False)
+    monkeypatch.setenv(cache.CHOSEN, "")  # put back, whatever is chosen meanwhile
     monkeypatch.setattr(cache, "ROOT", tmp_path / "site-packages" / "mbsbench")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(cache.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
@@ -22,7 +22,7 @@ def installed(tmp_path, monkeypatch) -> Path:
 
 def test_checkout_keeps_its_own(tmp_path, monkeypatch):
     """These tests run in one: what it computes stays in it, for ``make clean`` to remove."""
-    monkeypatch.delenv(cache.CHOSEN, raising=False)
+    monkeypatch.setenv(cache.CHOSEN, "")  # put back, whatever is chosen meanwhile
     assert cache.is_checkout()
     assert cache.cache_folder("references", tmp_path) == tmp_path / "references"
 

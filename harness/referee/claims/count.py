@@ -96,6 +96,7 @@ def _judge_claim(claim: given.Claim, register: Register, tried: Tried, numbers: 
         factors=factors(dimensions_of(claim, counted)) if counted else {},
         map=tuple(_row(claim, p, numbers.records, twins, beside.get(id(p))) for p in found),
         by_solver={} if missing else split_by_solver(claim, rows), control=control,
+        summary=claim.summary,
     )  # fmt: skip
 
 

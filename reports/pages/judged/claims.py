@@ -30,6 +30,7 @@ VERDICTS: Mapping[Verdict, Mark] = {
     Verdict.CANNOT_BE_TOLD: Mark("?", "cannot be told", "refused"),
 }
 LISTED = 40  # runs beside the map
+SUMMARY = "Abstract and conclusions"
 
 
 def grids(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any]]:
@@ -109,6 +110,8 @@ class Shown:
 
     @property
     def section(self) -> str:
+        if self.of.summary:
+            return SUMMARY
         return f"Sect. {self.of.section}" if self.of.section[:1].isdigit() else self.of.section
 
     @property
@@ -119,17 +122,28 @@ class Shown:
         )
 
     @property
+    def verdict(self) -> str:
+        """The verdict in words, at the paper's settings where it has such."""
+        findings = self.of.findings
+        return claim_words.verdict(findings[0]) if findings else str(self.of.verdict)
+
+    @property
     def presentation(self) -> bool:
         """No result: a check that the problem is presented as in the paper."""
         return self.of.kind == "presentation"
 
 
 def claims_of(claims: Sequence[Claim], here: Mapping[str, Run], published: Sequence[Claim] = ()) -> tuple[Shown, ...]:
-    """By section and figure, else in the order of the register; a claim that lacks runs here as it was published."""
+    """Those on abstract and conclusions, then by section and figure, else in the order of the register.
+
+    A claim that lacks runs here is shown as it was published.
+    """
     taken: set[str] = set()
     kept = {c.id: c for c in published}
     instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
-    ordered = sorted((instead.get(c.id, c) for c in claims), key=lambda c: (natural(c.section), c.figure))
+    ordered = sorted(
+        (instead.get(c.id, c) for c in claims), key=lambda c: (not c.summary, natural(c.section), c.figure)
+    )
     shown = (_show_claim(c, here, slug(c.id, taken)) for c in ordered)
     return tuple(replace(s, published=True, grids=[], runs=()) if s.of.id in instead else s for s in shown)
 

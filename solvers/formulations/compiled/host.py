@@ -55,13 +55,17 @@ def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]
     return rounding, (words,)
 
 
+WITH_PLAIN = ("kernel", "mechanism", "auto", "plain")
+
+
 def code_option(*choices: str) -> Any:
     """The option ``code`` of a solver."""
     words = {
         "kernel": "the kernel's loops", "mechanism": "straight code made for the mechanism",
         "auto": "the kernel until making such code pays (at once where it is kept on disk)",
+        "plain": "none: plain NumPy, as the source prints it (solvers/plain), hundreds of times slower",
     }  # fmt: skip
-    chosen = choices or tuple(words)
+    chosen = choices or ("kernel", "mechanism", "auto")
     return option(
         "kernel", f"machine code of rows, factors and projections: {', or '.join(words[c] for c in chosen)}",
         choices=chosen,
@@ -83,8 +87,14 @@ class Marched:
     def _method(self, problem: Problem, control: StepControl) -> Method:
         raise NotImplementedError
 
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March by the method of ``solvers/plain``, where ``code`` may be plain."""
+        raise NotImplementedError
+
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March to the end, with the fixed step ``control.dt`` or error control at ``control.rtol``."""
+        if self.code == "plain":
+            return self._plain(problem, control)
         return integrate(problem, control, self._method(problem, control))
 
 

@@ -139,13 +139,14 @@ class GaugeChoices:
         "it the estimate itself; that one corrected once more by (79); or the first that passes after one correction",
         choices=FINAL_ITERATES,
     )  # fmt: skip
-    code: str = code_option("kernel", "mechanism")
+    code: str = code_option("kernel", "mechanism", "plain")
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
     max_turn: float = option(
         0.0, "cut the step where a body would turn further in it; 0: no limit", "rad", at_least=0.0
     )
 
     variant: ClassVar[str] = ""  # of ODE-GC, in front of the gauge
+    has_plain: ClassVar[bool] = False  # a form in solvers/plain
 
     @property
     def follows_paper(self) -> bool:
@@ -217,6 +218,9 @@ class GaugeChoices:
         """Why no code can be made of the mechanism, where it is asked for, or None."""
         if self.code == "kernel":
             return None
+        if self.code == "plain":
+            lacks = "max_turn" if self.max_turn else "" if self.has_plain else "extrapolated or composed steps"
+            return f"plain steps know no {lacks}" if lacks else None
         more = "max_turn" if self.max_turn else needs_more(self.settings(problem), problem.system)
         if more:
             return f"code for the mechanism is the simplified method's, which does not take {more}: use code = kernel"

@@ -27,7 +27,11 @@ COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augm
 
 def integrate_newton(problem: Problem, control: StepControl, method: Method) -> Trajectory:
     """March with ``newton_steps``; reactions are those of the nodes, from means over steps."""
-    out = integrate(problem, control, method)
+    return with_node_reactions(integrate(problem, control, method))
+
+
+def with_node_reactions(out: Trajectory) -> Trajectory:
+    """The same motion, its reactions those of the nodes instead of means over the steps before."""
     if out.reaction is None:  # refused
         return out
     return replace(out, reaction=at_nodes(np.diff(out.t), out.reaction[1:]))

@@ -11,6 +11,7 @@ import numpy as np
 from ....harness.code_meter import making_code, settle
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem, StepControl, Trajectory
+from ...plain import ode_gc
 from ..compiled.algebra import close_rotations
 from ..compiled.bundles import make_bundle
 from ..compiled.entries import Bound, run
@@ -18,7 +19,7 @@ from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
 from .choices import TOLD, GaugeChoices, Settings, needs_more
-from .gc_newton_arrays import integrate_newton, newton_steps
+from .gc_newton_arrays import integrate_newton, newton_steps, with_node_reactions
 from .gc_step import NEEDED, accept_step, begin_march, begin_step, make_step, take_step
 
 ROUNDING = 1e-14  # of the square of the largest velocity, in any units: what is no acceleration and no load
@@ -28,7 +29,9 @@ PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the
 def integrate_weak_form(
     problem: Problem, control: StepControl, choices: GaugeChoices, settings: Settings
 ) -> Trajectory:
-    """March by the simplified method where that serves, else by the full one."""
+    """March by the simplified method where that serves, else by the full one; or by plain steps."""
+    if choices.code == "plain":
+        return with_node_reactions(ode_gc.integrate(problem, control, choices, settings))
     method = newton_steps(problem.system, settings, choices.max_cuts, choices.max_turn, choices.mu0)
     if not (choices.max_turn or needs_more(settings, problem.system)):
         method = simplified_steps(problem.system, settings, method)

@@ -11,7 +11,7 @@ from mbsbench.cli import submit
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.ladder.bundling import Entry, read_entry
-from mbsbench.harness.ladder.instances import KINDS, WITHIN, draw_instances
+from mbsbench.harness.ladder.instances import KINDS, WITHIN, digest_of, draw_instances
 from mbsbench.harness.ladder.ranking import OURS, mean_of, rank_entries
 from mbsbench.harness.ladder.submission import Refused, read_submission, run_submission
 from mbsbench.harness.results.records import RunRecord
@@ -98,12 +98,22 @@ def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
         (tmp_path / f"{name}.py").write_text(TEXT.format(how))
         line = ["submit", str(tmp_path / f"{name}.py"), "-o", str(tmp_path / f"{name}.zip"), "--json"]
         assert main(line) == code
-        assert json.loads(capsys.readouterr().out)["solved"] == (code == 0)
+        out = capsys.readouterr()
+        plain = json.loads(out.out)
+        assert plain["solved"] == (code == 0) and plain["trial"] is True and "trial: " in out.err
+        assert plain["fenced"] is ("not fenced" not in out.err)
+        assert plain["digest"] == digest_of((tmp_path / f"{name}.py").read_bytes())
+        assert main(["submit", str(tmp_path / f"{name}.py"), "--digest"]) == 0
+        assert capsys.readouterr().out.split() == [plain["digest"]]
     rows = rank_entries([(read_entry(tmp_path / f"{name}.zip", SHORT), "<ours>") for name in ("bad", "good")])
     assert [(r.file, r.points) for r in rows] == [("good.zip", 1), ("bad.zip", -1)]
     write_page(tmp_path / "index.html", rows)
     page = (tmp_path / "index.html").read_text()
     assert "&lt;ours&gt;" in page and "good.zip" in page and "<ours>" not in page
     assert main(["ladder", str(tmp_path)]) == 1  # neither holds all instances of the ladder
-    assert "removed" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "removed" in said and "trial: " in said
+    assert main(["ladder", str(tmp_path), "--json"]) == 1
+    plain = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(p["rank"], p["trial"]) for p in plain] == [(None, True)] * 2
     assert main(["ladder", str(tmp_path / "runs")]) == 2

@@ -56,6 +56,17 @@ def test_a_change_after_the_last_carry_ends_it(published):
     assert not is_of_this_code("chain", "rattle", FIRST.code_of("chain", "rattle"))
 
 
+def test_judges_that_changed_judge_runs_that_were_carried(published):
+    """A change of judging asks for no run; what was published of the old judges is theirs."""
+    known = read_carried(published)
+    published.write_text(to_json(replace(known, now=replace(known.now, judging="before"))))
+    carried.list_equal.cache_clear()
+    assert is_of_this_code("chain", "rattle", FIRST.code_of("chain", "rattle"))
+    assert bring_forward(Code(FIRST.solvers, FIRST.problems, FIRST.measuring, "j1", "runs")).judging == "j1"
+    other = replace(SECOND, judging="j2")
+    assert [g.judging for g in carry(other, present(), carry(FIRST, SECOND, None, *ALL), *ALL).before] == ["", "j2"]
+
+
 def test_a_chain_begins_anew_where_a_link_is_missing():
     """What was carried to code that nobody compared with this parent says nothing about it."""
     assert carry(SECOND, present(), carry(FIRST, SECOND, None, *ALL), *ALL).before == (FIRST, SECOND)

@@ -24,7 +24,7 @@ from mbsbench.solvers.engines.export.model_check import differences
 from ..runs import error, orders, run
 from .systems import PROBLEMS
 
-PACKAGES = {"mujoco": "mujoco-core", "exudyn": "exudyn", "pinocchio": "pin"}  # by solver, as pip calls them
+PACKAGES = {"mujoco": "mujoco", "exudyn": "exudyn", "pinocchio": "pin"}  # by solver, as pip calls them
 SPRINGLESS = {"pinocchio"}
 UNLIKE = {
     "pinocchio": ("driven", "loaded", "loaded_in_time", "guided", "tilting", "rolling"),

@@ -1,0 +1,235 @@
+"""ODE-GC: the three-field weak form with geometrically consistent steps, Natsiavas, Passas, Paraskevopoulos (2022).
+
+Sect. 4.2, Eqs. (61) to (81), and the loop of Sect. 4.3, Eqs. (84), (85). A step goes from node m (suffix 0) to m + 1
+(suffix 1)::
+
+    (66)  q1 = q0 o exp(dt/2 (v0 + v1))                autoparallels of SO(3): rotations about a fixed axis
+    (67)  lam1 = lam0 + dt/2 (mu0 + mu1)
+    (74)  [A (p - A^T M_bar mu)]_0^1 - dt/2 (A0 L0 + A1 L1) = 0
+    (71)  L = f + A^T (C_bar mu + K_bar lam - f_bar) - B^T M_bar mu
+    (75)  [M_bar phi_dot]_0^1 + dt/2 ((C_bar phi_dot + K_bar phi)_0 + (...)_1) = 0
+
+with the operator script-A (body to space) written into D = script-A A^T, D_dot = script-A B^T. Unknown are v1 and nu1
+= M_bar mu1. Options are what the paper leaves open: c_R of (31), mu0, the first estimate of a step, the iterate that
+ends it, the tolerance; and two choices beside the printed ones, which carry mu and sigma from step to step: with
+C_bar = K_bar = 0 only increments of mu act, so a step may begin at mu = 0 (gauge zero), or at minus the mu of its end
+(gauge symmetric, which makes it reversible); and sigma may begin at 0, which asks for phi_dot = 0 at the end.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ...harness.mechanics import so3
+from ...harness.types import Problem, StepControl, Trajectory
+from .march import march
+from .mechanics import Mechanism, Rows
+
+DIFFERENCE = 1e-6  # of the unknowns, in Jacobians by central differences
+ENOUGH = 0.25  # of phi_dot: an augmentation that leaves more raises the penalty
+
+
+class Node(NamedTuple):
+    """Everything at one end of a step."""
+
+    t: float
+    r: Float[np.ndarray, "nb 3"]
+    R: Float[np.ndarray, "nb 3 3"]
+    v: Float[np.ndarray, "nb 6"]
+    rows: Rows
+    p: Float[np.ndarray, " n"]  # script-A p, in space; pi of Eq. (61) is p - D nu
+    f: Float[np.ndarray, " n"]  # script-A f, in space
+    M_bar: Float[np.ndarray, " nr"]
+    f_bar: Float[np.ndarray, " nr"]
+    C_bar: Float[np.ndarray, " nr"]
+    K_bar: Float[np.ndarray, " nr"]
+
+
+class Carried(NamedTuple):
+    """What a step hands to the next beside its node."""
+
+    nu: Float[np.ndarray, " nr"]  # that of the end where it is carried on, else 0
+    mu: Float[np.ndarray, " nr"]
+    lam: Float[np.ndarray, " nr"]
+    sigma: Float[np.ndarray, " nr"]
+    v_old: Float[np.ndarray, "nb 6"]  # of the node before, for the first estimate
+    nu_old: Float[np.ndarray, " nr"]  # nu of the last step, and its change
+    nu_change: Float[np.ndarray, " nr"]
+    dt: float  # of the last step; 0 before the first
+
+
+class Estimate(NamedTuple):
+    """What follows from an estimate of v1 and nu1."""
+
+    node: Node  # m + 1
+    nu: Float[np.ndarray, " nr"]
+    mu: Float[np.ndarray, " nr"]
+    lam: Float[np.ndarray, " nr"]
+    reaction: Float[np.ndarray, " nr"]  # mean force of the rows over the step
+    R_v: Float[np.ndarray, " n"]  # of (74), in the frames of the bodies
+    R_mu: Float[np.ndarray, " nr"]  # of (75)
+
+
+class Step:
+    """The steps of one problem.
+
+    ``choices`` are the options of ``solvers.gc_weak_form`` or ``solvers.gc_augmented_lagrangian``; ``settings``
+    what they come to here: ``keep_nu``, ``carry_sigma`` whether mu and sigma are carried on (as printed: yes),
+    ``gauge`` -1 of the symmetric gauge, else 0, ``corrective`` whether C_bar or K_bar is not zero, ``by_forces`` by
+    Eq. (32), ``active`` Sect. 4.3, ``tolerance`` of (80), (81), ``accept`` of (81) where the loop of Sect. 4.3 runs
+    out of rounds [sqrt(J)].
+    """
+
+    def __init__(self, problem: Problem, choices: Any, settings: Any) -> None:
+        self.mechanism, self.choices, self.settings = Mechanism(problem.system), choices, settings
+        self.xi = 0.0  # of Eq. (84), in Sect. 4.3
+        self.counters = {"newton_iterations": 0, "residuals": 0, "augmentations": 0}
+
+    def start(self, problem: Problem) -> tuple[Node, Carried, np.ndarray]:
+        """The first node, and mu, lam, sigma there."""
+        state, m = problem.initial, self.mechanism
+        node = self.node(state.t, state.r, state.R, np.concatenate((state.v, state.Omega), axis=1))
+        mu, none = np.zeros(m.nr), np.zeros(m.nr)
+        if self.choices.mu0 == "velocity":  # mu0 = c . M v / M_bar: the velocity along c_R
+            c = self.directions(node.rows)
+            mu = c @ m.in_bodies(node.R, node.p) / node.M_bar
+        return node, Carried(node.M_bar * mu, mu, none, none, node.v, none, none, 0.0), np.full(m.nr, np.nan)
+
+    def node(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Node:
+        """Rows, momenta, loads and the coefficients (30) to (32) of each row."""
+        m, choices = self.mechanism, self.choices
+        rows, f = m.rows(t, r, R, v), m.loads(t, r, R, v).ravel()
+        c = self.directions(rows)
+        M_bar = np.array([np.sum(one * m.times_inertia(one)) for one in c])  # (30)
+        f_bar = c @ self.mechanism.in_bodies(R, f) if choices.f_bar else np.zeros(m.nr)  # (30)
+        C_bar, K_bar = choices.c_bar * M_bar, choices.k_bar * M_bar
+        if self.settings.by_forces:
+            by_rate, by_pose = m.spring_slopes(r, R, v, c)
+            C_bar, K_bar = C_bar - by_rate, K_bar + np.maximum(-by_pose, 0.0)  # (32); K_bar < 0 would drive phi away
+        return Node(t, r, R, v, rows, m.momentum(R, v), f, M_bar, f_bar, C_bar, K_bar)
+
+    def directions(self, rows: Rows) -> Float[np.ndarray, "nr n"]:
+        """c_R of Eq. (31), a . c = 1, in the velocities of the bodies."""
+        m, a = self.mechanism, rows.A
+        if self.choices.direction == "translation":  # (e_k, 0) of body i, of spherical joints
+            c = np.zeros_like(a)
+            for row, joint in enumerate(np.repeat(np.arange(m.system.nj), np.diff(m.system.row_start))):
+                at = slice(6 * m.system.joint_i[joint], 6 * m.system.joint_i[joint] + 3)
+                c[row, at] = a[row, at]
+            return c
+        along = a if self.choices.direction == "a" else np.array([m.over_inertia(one) for one in a]).reshape(a.shape)
+        return along / np.sum(a * along, axis=1)[:, None]
+
+    def residual(self, dt: float, a: Node, old: Carried, v1: np.ndarray, nu1: np.ndarray, kept: Any = None) -> Estimate:
+        """Node m + 1 of an estimate, and what it leaves of (74) and (75).
+
+        With the multiplier ``kept`` of Sect. 4.3, nu1 follows from v1 by (84), and (75) is left to (85).
+        """
+        half, m = 0.5 * dt, self.mechanism
+        r1 = a.r + half * (a.v[:, :3] + v1[:, :3])  # (66)
+        R1 = a.R @ so3.exp(half * (a.v[:, 3:] + v1[:, 3:]))
+        b = self.node(a.t + dt, r1, R1, v1)
+        if kept is not None:
+            nu1 = kept - self.xi * b.M_bar * b.rows.phi_dot  # (84): mu - xi psi
+        mu1 = nu1 / b.M_bar
+        lam1 = old.lam + half * (old.mu + mu1)  # (67)
+        nu0 = self.settings.gauge * nu1 + old.nu  # carried on; 0; or - nu1
+        xi = self.xi if kept is not None and self.choices.lambda_bar else 0.0
+        B = float(self.choices.b_term)
+        G0 = a.C_bar * old.mu + a.K_bar * (old.lam - xi * a.rows.phi) - a.f_bar  # (84): lam - xi phi
+        G1 = b.C_bar * mu1 + b.K_bar * (lam1 - xi * b.rows.phi) - b.f_bar
+        L0 = a.f + a.rows.D @ G0 - B * a.rows.D_dot @ nu0  # (71)
+        L1 = b.f + b.rows.D @ G1 - B * b.rows.D_dot @ nu1
+        R_v = (b.p - b.rows.D @ nu1) - (a.p - a.rows.D @ nu0) - half * (L0 + L1)  # (74)
+        sigma1 = b.M_bar * b.rows.phi_dot  # (62)
+        sigma0 = old.sigma if self.settings.carry_sigma else np.zeros(m.nr)
+        before, after = (x.C_bar * x.rows.phi_dot + x.K_bar * x.rows.phi for x in (a, b))  # (73)
+        R_mu = sigma1 - sigma0 + half * (before + after)  # (75)
+        self.counters["residuals"] += 1
+        return Estimate(b, nu1, mu1, lam1, (nu1 - nu0) / dt + 0.5 * (G0 + G1), m.in_bodies(R1, R_v), R_mu)
+
+    def norm(self, x: Estimate) -> float:
+        """Norm of the residual, Eq. (80) [sqrt(J)]; in Sect. 4.3 (75) is no part of it."""
+        by_rows = 0.0 if self.settings.active else np.sum(x.R_mu**2 / x.node.M_bar)
+        return float(np.sqrt(x.R_v @ self.mechanism.over_inertia(x.R_v) + by_rows))
+
+    def slip(self, x: Estimate) -> float:
+        """Norm of the constraint equations, Eq. (81) [sqrt(J)]."""
+        return float(np.sqrt(np.sum(x.node.M_bar * x.node.rows.phi_dot**2)))
+
+    def newton(
+        self, dt: float, a: Node, old: Carried, v1: np.ndarray, nu1: np.ndarray, kept: Any = None
+    ) -> Estimate | None:
+        """Newton's method (76) to (81) from the estimate (v1, nu1); None where it does not converge."""
+        n, x = v1.size, np.concatenate((v1.ravel(), nu1 if kept is None else []))
+
+        def eta(x: np.ndarray) -> Estimate:  # (76), of the unknowns (77)
+            return self.residual(dt, a, old, x[:n].reshape(-1, 6), x[n:], kept)
+
+        def whole(y: Estimate) -> np.ndarray:
+            return y.R_v if kept is not None else np.concatenate((y.R_v, y.R_mu / y.node.M_bar))
+
+        # (80) implies (81) where sigma is not carried, and with C_bar or K_bar (81) cannot hold
+        asks_slip = self.settings.carry_sigma and not self.settings.corrective and kept is None
+        final = self.choices.final_iterate
+        for iteration in range(self.choices.max_newton + 1):
+            found = eta(x)
+            if not np.all(np.isfinite(found.R_v)):
+                return None
+            passes = self.norm(found) < self.settings.tolerance
+            passes = passes and (not asks_slip or self.slip(found) < self.settings.tolerance)
+            if passes and final != "corrected" and iteration >= (final == "after_correction"):
+                return found
+            if iteration == self.choices.max_newton and not passes:
+                return None
+            d = DIFFERENCE * np.eye(len(x))
+            J = np.array([whole(eta(x + e)) - whole(eta(x - e)) for e in d]).T / (2.0 * DIFFERENCE)
+            try:
+                x = x - np.linalg.solve(J, whole(found))  # (78), (79)
+            except np.linalg.LinAlgError:
+                return None
+            self.counters["newton_iterations"] += 1
+            if passes:
+                return eta(x)
+        return None
+
+    def augment(self, dt: float, a: Node, old: Carried, v1: np.ndarray, nu1: np.ndarray) -> Estimate | None:
+        """Sect. 4.3: Newton's method at a fixed multiplier, then (85), until (81) holds; None where it does not."""
+        kept, before, found = nu1, np.inf, None
+        self.xi = self.choices.penalty
+        for _ in range(self.choices.max_augmentations):
+            found = self.newton(dt, a, old, v1, nu1, kept)
+            if found is None:
+                return None
+            kept, v1 = found.nu, found.node.v  # (85): mu - xi psi is the next multiplier
+            self.counters["augmentations"] += 1
+            if self.slip(found) < self.settings.tolerance:
+                return found
+            if self.slip(found) > ENOUGH * before:
+                self.xi *= self.choices.penalty_growth
+            before = self.slip(found)
+        return found if before < self.settings.accept else None
+
+    def __call__(self, dt: float, a: Node, old: Carried) -> tuple[Node, Carried, np.ndarray] | None:
+        """The step from ``a``: its end, what it hands on, its mean reaction; None where it is to be cut."""
+        ratio = dt / old.dt if self.choices.estimate == "extrapolated" and old.dt > 0.0 else 0.0
+        v1 = a.v + ratio * (a.v - old.v_old)
+        if self.settings.keep_nu:
+            nu1 = old.nu + ratio * old.nu_change
+        else:
+            nu1 = ratio * (old.nu_old + ratio * old.nu_change)
+        found = (self.augment if self.settings.active else self.newton)(dt, a, old, v1, nu1)
+        if found is None:
+            return None
+        b, nu1, same = found.node, found.nu, old.dt == dt
+        change = nu1 - old.nu if self.settings.keep_nu else (nu1 - old.nu_old if same else np.zeros_like(nu1))
+        nu = nu1 if self.settings.keep_nu else np.zeros_like(nu1)
+        sigma1 = b.M_bar * b.rows.phi_dot  # (62)
+        mu, lam = (found.mu, found.lam) if self.settings.corrective else (old.mu, old.lam)
+        return b, Carried(nu, mu, lam, sigma1, a.v, nu1, change, dt), found.reaction
+
+
+def integrate(problem: Problem, control: StepControl, choices: Any, settings: Any) -> Trajectory:
+    """Step from the start to ``t_end``; reactions are means over the steps."""
+    return march(problem, control, Step(problem, choices, settings), choices.max_cuts)

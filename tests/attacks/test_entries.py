@@ -1,0 +1,186 @@
+"""One bad entry of a ladder is one bad row: whatever its file is, and whatever seed it was run with."""
+
+import io
+import json
+import os
+import shutil
+import struct
+import zipfile
+from functools import partial
+
+import pytest
+
+from mbsbench.cli import ladder
+from mbsbench.cli.__main__ import main
+from mbsbench.harness.bundle.archive import write_archive
+from mbsbench.harness.ladder import bundling
+from mbsbench.harness.ladder.closing import FILE, TRIAL
+from mbsbench.harness.ladder.instances import digest_of, draw_instances
+from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
+
+from ..harness.ladder.forgeries.bundles import members_of
+from ..harness.ladder.forgeries.forger import NAME
+from ..harness.ladder.forgeries.test_submissions import SHORT, TEXT
+
+VALUE = "round 4711 of the beacon"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The digest of an honest submission, and its bundles by the values that it was run with."""
+    place = tmp_path_factory.mktemp("made")
+    file, paths = place / "honest.py", {}
+    file.write_text(TEXT.format("nothing"))
+    submission = Submission(NAME, "dt", str(file), digest_of(file.read_bytes()))
+    with Blind() as blind:
+        for k, value in enumerate((VALUE, "7", TRIAL)):
+            folder = place / f"run{k}"
+            run_submission(submission, value, folder, kinds=SHORT, repeats=1, blind=blind)
+            bundling.write_bundle(folder, paths.setdefault(value, place / f"{k}.zip"))
+    return submission.digest, paths
+
+
+@pytest.fixture
+def ranked(tmp_path, monkeypatch, capsys):
+    """The rows of the files in a folder, by their names."""
+    monkeypatch.setattr(ladder, "read_entry", lambda *a, **k: bundling.read_entry(*a, **k, kinds=SHORT))
+
+    def run(**files):
+        folder = tmp_path / "ladder"
+        folder.mkdir()
+        for name, write in files.items():
+            write(folder / f"{name}.zip")
+        code = main(["ladder", str(folder), "--json"])
+        rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+        assert (folder / "index.html").stat().st_size > 0
+        return code, {r["file"]: r for r in rows}, folder
+
+    return run
+
+
+def damaged(members, change, method=zipfile.ZIP_DEFLATED):
+    """A bundle whose bytes are changed once it is written."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+        at = archive.infolist()[-1]
+    content = bytearray(stream.getvalue())
+    change(content, at)
+    return bytes(content)
+
+
+def encrypt(content, member):
+    """Set the bit that says so, in the file and in its list, of the last member."""
+    for mark, bit in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        at = content.rfind(mark) + bit
+        content[at : at + 2] = struct.pack("<H", 1)
+
+
+def spoil(content, member):
+    """Other bytes in the middle of the last member's data."""
+    at = member.header_offset + 30 + len(member.filename) + member.compress_size // 2
+    content[at : at + 8] = bytes(255 - b for b in content[at : at + 8])
+
+
+def unknown_method(content, member):
+    for mark, bit in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
+        at = content.rfind(mark) + bit
+        content[at : at + 2] = struct.pack("<H", 77)
+
+
+def with_new_digests(members, **changed):
+    out = {n: c for n, c in members.items() if n != "manifest-sha256.txt" and n != bundling.MANIFEST}
+    out |= {name.replace("__", "."): content for name, content in changed.items()}
+    return lambda path: write_archive(path, out.items())
+
+
+BAD = {
+    "encrypted": lambda m: lambda p: p.write_bytes(damaged(m, encrypt)),
+    "damaged deflate": lambda m: lambda p: p.write_bytes(damaged(m, spoil)),
+    "damaged lzma": lambda m: lambda p: p.write_bytes(damaged(m, spoil, zipfile.ZIP_LZMA)),
+    "damaged bzip2": lambda m: lambda p: p.write_bytes(damaged(m, spoil, zipfile.ZIP_BZIP2)),
+    "unknown method": lambda m: lambda p: p.write_bytes(damaged(m, unknown_method)),
+    "cut short": lambda m: lambda p: p.write_bytes(damaged(m, lambda c, _: c.__delitem__(slice(len(c) // 2, None)))),
+    "empty": lambda m: lambda p: p.write_bytes(b""),
+    "suite.toml not UTF-8": lambda m: with_new_digests(m, suite__toml=b'submission = "\xff"'),
+    "suite.toml of another kind": lambda m: with_new_digests(m, suite__toml=b"a = ["),
+    "suite.toml without a digest": lambda m: with_new_digests(m, suite__toml=b'submission = "a"'),
+    "a solver in mathematics": lambda m: with_new_digests(
+        m, suite__toml=b'submission = "$\\\\bad{$"\ndigest = "1"\nseed = "1"'
+    ),
+    "records.json not UTF-8": lambda m: with_new_digests(m, records__json=b"[\xff]"),
+    "records.json deep": lambda m: with_new_digests(m, records__json=b"[" * 10**5),
+    "records of numbers": lambda m: with_new_digests(m, records__json=b"[1, 2]"),
+    "one record with text for a number": lambda m: with_new_digests(m, records__json=b'[{"run_id": 1}]'),
+    "a pipe": lambda m: os.mkfifo,
+    "a folder": lambda m: lambda p: p.mkdir(),
+    "a link to a device": lambda m: lambda p: p.symlink_to("/dev/zero"),
+    "a link to nothing": lambda m: lambda p: p.symlink_to(p.with_name("none")),
+    "too large": lambda m: lambda p: p.open("wb").truncate(2**31),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_a_bad_file_is_one_bad_row(made, ranked, what):
+    """With its reason in a line; the honest one beside it keeps its rank."""
+    _, paths = made
+    content = paths["7"].read_bytes()
+    code, rows, _ = ranked(bad=BAD[what](members_of(paths["7"])), good=lambda p: p.write_bytes(content))
+    assert code == 1 and rows["good.zip"]["rank"] == 1 and not rows["good.zip"]["removed"]
+    assert rows["bad.zip"]["rank"] is None
+    (first, *_) = rows["bad.zip"]["removed"]
+    assert first and "\n" not in first and "Traceback" not in first, first
+
+
+def closed(digests, value=VALUE):
+    return lambda path: path.with_name(FILE).write_text(f"value = {json.dumps(value)}\nentries = {json.dumps(digests)}")
+
+
+def test_only_the_published_value_and_digests_entered_before_it_are_ranked(made, ranked):
+    """One may not draw until it suits: neither seeds nor submissions."""
+    digest, paths = made
+    names = {"right": VALUE, "chosen": "7", "tried": TRIAL}
+    entered = {name: partial(shutil.copy, paths[value]) for name, value in names.items()}
+    code, rows, folder = ranked(**entered, statement=closed([digest]))
+    assert code == 1 and rows["right.zip"]["rank"] == 1 and rows["right.zip"]["trial"] is False
+    assert "a seed of its own choice: '7'" in rows["chosen.zip"]["removed"][0]
+    assert "a trial" in rows["tried.zip"]["removed"][0]
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert VALUE in page and "A trial: " not in page
+
+
+def test_a_submission_changed_after_the_value_is_known_is_no_entry(made, ranked):
+    """Its digest is another."""
+    _, paths = made
+    late = paths[VALUE].read_bytes()
+    _, rows, _ = ranked(late=lambda p: p.write_bytes(late), statement=closed(["0" * 64]))
+    assert "was not entered before the value was known" in rows["late.zip"]["removed"][0]
+
+
+@pytest.mark.parametrize(
+    "text", ["value = 1\nentries = []", 'value = ""\nentries = []', 'value = "a"', 'value = "a"\nentries = ["b"]',
+             f'value = "{TRIAL}"\nentries = []', 'value = "a"\nentries = []\nmore = 1', "value ="]
+)  # fmt: skip
+def test_a_wrong_statement_is_one_line(made, tmp_path, capsys, text):
+    """Exit code 2; nothing is ranked without the rule that was meant."""
+    (tmp_path / "a.zip").write_bytes(made[1]["7"].read_bytes())
+    (tmp_path / FILE).write_text(text)
+    assert main(["ladder", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert FILE in said and "Traceback" not in said and said.count("\n") <= 2
+
+
+def test_the_value_moves_every_instance():
+    """An entry cannot know them before it is published."""
+    digest = digest_of(b"a submission")
+    one, other = draw_instances(digest, VALUE), draw_instances(digest, VALUE + "1")
+    assert all(x.parameters["rotation"] != y.parameters["rotation"] for x, y in zip(one, other, strict=True))
+
+
+def test_unfenced_is_marked(made, ranked):
+    """On the page and in JSON: these runs were not said to be fenced."""
+    content = made[1]["7"].read_bytes()
+    _, rows, folder = ranked(one=lambda p: p.write_bytes(content))
+    assert rows["one.zip"]["fenced"] is False
+    assert "not fenced" in (folder / "index.html").read_text(encoding="utf-8")

@@ -1,0 +1,174 @@
+"""Compiled methods take the steps of the plain ones, which are the definition: every joint, force and option.
+
+A failure names method, joint or force, and the quantity that differs with both numbers.
+"""
+
+import numpy as np
+import pytest
+
+from mbsbench import Problem, StepControl, so3
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.joints import KINDS as ALL_KINDS
+from mbsbench.harness.types import Status
+from mbsbench.solvers.plain.mechanics import Mechanism
+
+from ..arbitrary_joints import KINDS, MOVING, moving_rows, one_joint
+from ..arbitrary_systems import consistent, linkage, with_user_forces
+
+SHARP = {"tolerance": 1e-13}
+EQUAL = 1e-11  # of the size of a quantity, a step: what the stop test and rounding leave
+AS_PRINTED = {"newton": "exact", "gauge": "accumulate", "sigma0": "carried"}
+CHOICES = [
+    {},
+    {"newton": "kept"},
+    {"newton": "exact"},
+    {"gauge": "zero"},
+    {"gauge": "accumulate"},
+    {"gauge": "accumulate", "mu0": "velocity", "newton": "kept"},
+    {"direction": "mass"},
+    {"direction": "mass", "newton": "exact"},
+    {"f_bar": False},
+    {"b_term": False},
+    {"estimate": "start"},
+    {"final_iterate": "corrected"},
+    {"final_iterate": "after_correction"},
+    {"c_bar": 2.0, "k_bar": 5.0},
+    AS_PRINTED,
+    {**AS_PRINTED, "direction": "mass", "final_iterate": "after_correction"},
+]
+
+
+def problem_of(name, system, start, steps, dt=1e-3):
+    """A problem of so many steps."""
+    return Problem(name, system, start, t_end=steps * dt, dt=dt, section="", source="made up")
+
+
+def compare(problem, solver, options, codes=("kernel",), steps=20):
+    """Compare poses, velocities and reactions after each step of the compiled method with those of the plain one."""
+    control = StepControl(dt=problem.t_end / steps)
+    plain = make_solver(solver, {**options, "code": "plain"}).solve(problem, control)
+    assert plain.status is Status.SUCCESS, plain.message
+    for code in codes:
+        made = make_solver(solver, {**options, "code": code})
+        if made.refuses(problem, control):
+            continue
+        found = made.solve(problem, control)
+        assert found.status is Status.SUCCESS, f"{solver}, {code}, {problem.name}: {found.message}"
+        where = f"{solver} {options}, {code}, {problem.name}"
+        assert len(found.t) == len(plain.t), f"{where}: {len(found.t)} nodes, the plain method has {len(plain.t)}"
+        size = max(1.0, float(np.max(np.abs(plain.states.r))))
+        speed = max(1.0, *(float(np.max(np.abs(a))) for a in (plain.states.v, plain.states.Omega)))
+        for name, scale in (("r", size), ("R", 1.0), ("v", speed), ("Omega", speed)):
+            one, two = getattr(found.states, name), getattr(plain.states, name)
+            worst = np.unravel_index(np.argmax(np.abs(one - two)), one.shape)
+            gap, allowed = abs(one[worst] - two[worst]), EQUAL * scale * max(worst[0], 1)
+            assert gap <= allowed, (
+                f"{where}: {name} of body {worst[1]} after step {worst[0]} is {one[worst]!r}, "
+                f"by the plain method {two[worst]!r}"
+            )
+
+
+@pytest.mark.parametrize("ground", [True, False], ids=["to the ground", "between bodies"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_joint_with_a_spring_and_loads(kind, ground):
+    """Each kind of joint, beside a spring with a damper and two loads: by the full Newton method."""
+    problem = problem_of(kind, *one_joint(kind, ground=ground), 20)
+    for options in ({}, {"corrective": False}, {**AS_PRINTED, "direction": "mass"}):
+        compare(problem, "gc_weak_form", {**SHARP, **options})
+
+
+@pytest.mark.parametrize("kind", MOVING)
+def test_one_moving_row_with_timed_loads(kind):
+    """Drives and rows of velocities, beside a torsional spring and loads that are functions of time."""
+    system = moving_rows(kind)
+    problem = problem_of(kind, system, consistent(system, 4), 20)
+    for options in ({}, AS_PRINTED):
+        compare(problem, "gc_weak_form", {**SHARP, **options})
+
+
+@pytest.mark.parametrize("options", CHOICES, ids=str)
+def test_every_choice_on_an_arbitrary_linkage(options):
+    """Three bodies, pins and hinges under gravity; also by code of the mechanism, where that serves."""
+    system = linkage(springs=False)
+    problem = problem_of("linkage", system, consistent(system, 2), 20)
+    compare(problem, "gc_weak_form", {**SHARP, **options}, ("kernel", "mechanism"))
+
+
+@pytest.mark.parametrize("options", [{}, {"gauge": "zero"}, AS_PRINTED], ids=str)
+def test_directions_along_translations(options):
+    """c_R = (e_k, 0), which pins alone have."""
+    problem = make_problem("spherical_pendulum", {"omega_z": 3.0, "t_end": 0.02})
+    compare(problem, "gc_weak_form", {**SHARP, **options, "direction": "translation"})
+
+
+def test_forces_of_the_user():
+    """Between two bodies, and between one and the ground; without symmetry."""
+    system = with_user_forces()
+    compare(problem_of("user forces", system, consistent(system, 3), 20), "gc_weak_form", SHARP)
+
+
+METHODS = [
+    ("rattle", {}),
+    ("lie_variational", {}),
+    ("generalized_alpha", {}),
+    ("generalized_alpha", {"form": "index3", "rho_inf": 0.7}),
+    ("al_index3", {}),
+    ("half_explicit", {}),
+    ("energy_momentum", {}),
+]
+
+
+@pytest.mark.parametrize(("solver", "options"), METHODS, ids=str)
+@pytest.mark.parametrize("kind", [*KINDS, *MOVING])
+def test_other_methods_on_every_joint(kind, solver, options):
+    """Between two bodies and to the ground, beside springs and loads; rows that a method refuses are left out."""
+    systems = [one_joint(kind, ground=ground) for ground in (True, False)] if kind in KINDS else []
+    if not systems:
+        system = moving_rows(kind)
+        systems = [(system, consistent(system, 4))]
+    for system, start in systems:
+        problem = problem_of(kind, system, start, 10, 1e-4)
+        if make_solver(solver, options).refuses(problem, StepControl(dt=problem.dt)) is None:
+            compare(problem, solver, options, ("kernel", "mechanism"), steps=10)
+
+
+@pytest.mark.parametrize(("solver", "options"), METHODS, ids=str)
+def test_other_methods_on_redundant_rows(solver, options):
+    """Redundant rows share a reaction by any rule: the motion is one."""
+    problem = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "t_end": 0.01})
+    compare(problem, solver, options, steps=10)
+
+
+NESTED = {"loop": "nested", "correct_pose": "never", "penalty": 1e3, "max_augmentations": 40, **SHARP}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"gauge": "zero"}, {"k_bar": 5.0, "lambda_bar": True}, {"penalty_growth": 10.0}, AS_PRINTED],
+    ids=str,
+)
+def test_the_nested_loop_of_section_4_3(options):
+    """(84) and (85) on a mechanism with independent rows, and on one with redundant ones."""
+    system = linkage(springs=False)
+    for problem in (
+        problem_of("linkage", system, consistent(system, 2), 10),
+        make_problem("four_bar_grid", {"rows": 1, "columns": 1, "t_end": 0.01}),
+    ):
+        compare(problem, "gc_augmented_lagrangian", {**NESTED, **options}, steps=10)
+
+
+@pytest.mark.parametrize("kind", ALL_KINDS)
+def test_rates_of_wrenches_are_those_of_the_wrenches(kind):
+    """D_dot of each kind is the change of D along the motion, and D^T u the change of phi: by differences."""
+    system = moving_rows(kind) if kind in MOVING else one_joint(kind, ground=False)[0]
+    m, start = Mechanism(system), consistent(system, 4)
+    v, h = np.concatenate((start.v, start.Omega), axis=1), 1e-5
+    ends = []
+    for t in (-h, h):
+        ends.append(m.rows(t, start.r + t * v[:, :3], start.R @ so3.exp(t * v[:, 3:]), v))
+    here = m.rows(0.0, start.r, start.R, v)
+    D_dot = (ends[1].D - ends[0].D) / (2.0 * h)
+    assert np.max(np.abs(here.D_dot - D_dot)) < 1e-8 * max(1.0, np.max(np.abs(D_dot)))
+    phi_dot = (ends[1].phi - ends[0].phi) / (2.0 * h)
+    holonomic = here.phi != 0.0
+    assert np.max(np.abs((here.phi_dot - phi_dot)[holonomic]), initial=0.0) < 1e-8
