@@ -183,8 +183,8 @@ def _describe_settings(candidates: list[Candidate]) -> list[str]:
     if asked is not None:
         return [f"{names[0]} with settings={asked}"]
     (name, *_) = names
-    return [f"{name} here has this project's settings, not your file's: --solver {name} --set settings=default takes "
-            f"those it ships with; mbsbench list {name} explains them"]  # fmt: skip
+    return [f"{name} here has this project's settings, not your file's: --solver {name} --set settings=file takes "
+            f"those, settings=default those it ships with; mbsbench list {name} explains them"]  # fmt: skip
 
 
 def _list_missing(candidates: list[Candidate]) -> list[str]:

@@ -12,7 +12,7 @@ hinge are those of its joint.
 With ``settings`` "default" integrator, solref, solimp and constraint solver are those that MuJoCo ships; only the step
 is ours (its own is 0.002 s). Its treatment of free bodies has no option: implicitfast, implicit and discrete take their
 gyroscopic terms implicitly, Euler does not. With ``settings`` "file" integrator, solref and solimp are those of the
-MJCF file that the problem was read from, at its timestep: what its author runs.
+MJCF file that the problem was read from: at its timestep, what its author runs; a note names another step.
 """
 
 import contextlib
@@ -94,7 +94,7 @@ class MuJoCo(Clocked):
             return reason
         if (reason := self._describe_ignored()) is not None:
             return reason
-        if self.settings == "file" and (reason := _not_as_in_file(problem, control)) is not None:
+        if self.settings == "file" and (reason := _not_as_in_file(problem)) is not None:
             return reason
         try:
             model = Model(self, problem, control)
@@ -125,6 +125,10 @@ class Model:
         self.mj = package("mujoco", "rollout")
         self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
         self.model = _spec(self.mj, options, problem, self.tree, control.dt).compile()
+        given = _file_of(problem) if options.settings == "file" else None
+        own = control.dt if given is None else float(given.opt.timestep)
+        is_other = abs(control.dt - own) > 1e-9 * own
+        self._other_step = (f"dt = {control.dt:g} s; the file's timestep is {own:g} s",) if is_other else ()
         self.data = self.mj.MjData(self.model)
         with contextlib.suppress(PartialStretch):
             self.advance(1, control.dt)  # what it sets up at the first call is not counted
@@ -183,7 +187,7 @@ class Model:
         made_by = f"mujoco {self.mj.__version__}"
         if self.mj.__version__ == WRONG_IF_SPARSE and self.mj.mj_isSparse(self.model):
             made_by += ", whose accelerations can be wrong with sparse Jacobians, as here; 4.0.1 is right"
-        return held, made_by
+        return held, *self._other_step, made_by
 
 
 def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:
@@ -241,14 +245,11 @@ def _file_of(problem: Problem) -> Any:
     return made_by_file.model if isinstance(made_by_file, CompiledMechanism) else None
 
 
-def _not_as_in_file(problem: Problem, control: StepControl) -> str | None:
+def _not_as_in_file(problem: Problem) -> str | None:
     """Why the settings of a file cannot be taken, or None."""
     given = _file_of(problem)
     if given is None:
         return "settings=file: the problem was not read from an MJCF file"
-    step = float(given.opt.timestep)
-    if control.dt is None or abs(control.dt - step) > 1e-9 * step:
-        return f"settings=file: the file's timestep is {step:g} s (dt={control.dt:g})"
     active = np.flatnonzero(given.eq_active0)
     if any(np.ptp(a[active], axis=0).any() for a in (given.eq_solref, given.eq_solimp) if len(active)):
         return "settings=file: its equalities differ in solref or solimp"

@@ -307,7 +307,7 @@ def test_mujoco_is_given_the_springs_of_hinges(tmp_path):
 
 
 def test_the_settings_of_a_file_are_its_own(tmp_path):
-    """Integrator, step and the softness of loops; another step, or another problem, is refused in a line."""
+    """Integrator and the softness of loops; a note names another step, and another problem is refused in a line."""
     problem = make_problem(str(written(tmp_path, ARM, "soft.xml")), {"t_end": 0.1})
     soft = registry.make_solver("mujoco", {"settings": "file"})
     control = StepControl(dt=0.005)
@@ -316,5 +316,10 @@ def test_the_settings_of_a_file_are_its_own(tmp_path):
     mj = engine.package("mujoco")
     assert model.opt.integrator == mj.mjtIntegrator.mjINT_IMPLICITFAST and model.opt.timestep == 0.005
     assert np.allclose(model.eq_solref, (0.01, 1.0)) and np.allclose(model.eq_solimp[0, :2], (0.9, 0.95))
-    assert "timestep is 0.005 s" in soft.refuses(problem, StepControl(dt=0.001))
+    assert not any("timestep" in note for note in engine.Model(soft, problem, control).notes())
+    finer = StepControl(dt=0.001)
+    other = engine.Model(soft, problem, finer)
+    assert soft.refuses(problem, finer) is None and other.model.opt.timestep == 0.001
+    assert np.allclose(other.model.eq_solref, (0.01, 1.0))
+    assert "dt = 0.001 s; the file's timestep is 0.005 s" in other.notes()
     assert "not read from" in soft.refuses(make_problem("chain"), StepControl(dt=0.001))
