@@ -35,6 +35,7 @@ LOCK = ".lock"  # held by the one command that makes runs
 OTHERS = (
     LOCK,
     ".spool",
+    ".begun",
     "environment.json",
     "judgement",
     "report",
@@ -162,6 +163,11 @@ def write_record(folder: Path, record: RunRecord) -> Path:
     place = path_of(folder, record.run_id)
     place.write(files.to_json({"sha256": _digest(body), "record": body}))
     return place.path
+
+
+def digest_of(record: RunRecord) -> str:
+    """Return the digest that stands in the file of a record."""
+    return _digest(to_json(record))
 
 
 def read_record(path: Path | Place) -> RunRecord:
