@@ -25,8 +25,8 @@ from typing import Any
 from .. import machine
 from ..places import Place
 from ..results import codes, environment
-from ..results.series import LARGEST
 from ..results.records import RunRecord
+from ..results.series import LARGEST
 from ..results.store import PARTS, create, digest_of, read_record, record_in, write_record
 from ..suites.spec import RunSpec
 from ..types import EndedBy
