@@ -1,4 +1,4 @@
-"""Mutations of files, and readers that are run on each in a process of its own: words, time and memory are looked at.
+"""Mutations of files, and readers that are run on each in a process of its own: words, time and memory count.
 
 ``MUTATIONS`` of the environment is how many each test makes: few in ``make test``, a thousand in ``make attacks``.
 """
@@ -20,14 +20,14 @@ COUNT = int(os.environ.get("MUTATIONS", "20"))
 PATIENCE = 60.0  # [s] of wall time; a process that reads a small file and takes longer hangs
 CPU = 30  # [s]
 LARGEST = 1000.0  # [MB] of resident memory
-WORDS = (b"nan", b"-1", b"1e999", b"9" * 30, b"", b"0", b"null", b"\xff\xfe", b"\x00", b"{", b'"', b"../../x", b"\x1b[2J",
-         b"1e-320", b"<a>", b"true", b"[[[[", b",")  # fmt: skip
+WORDS = (b"nan", b"-1", b"1e999", b"9" * 30, b"", b"0", b"null", b"\xff\xfe", b"\x00", b"{", b'"', b"../../x",
+         b"\x1b[2J", b"1e-320", b"<a>", b"true", b"[[[[", b",")  # fmt: skip
 VALUES = (float("nan"), float("inf"), -1, 0, 10**30, 1e308, 5e-324, "", "x", "\x1b[2J", None, True, [], {}, [[]], "nan",
           "9" * 400, {"a": [1]})  # fmt: skip
 
 
 def mutate(raw: bytes, random: np.random.Generator, *, numbers: float = 0.0) -> bytes:
-    """Damage bytes in one to three of the ways that disks, editors and forgers have; or, so often, ``numbers`` alone."""
+    """Damage bytes in one to three of the ways that disks and forgers have; in a share of cases ``numbers`` alone."""
     for _ in range(random.integers(1, 4)):
         at, size = int(random.integers(0, len(raw) + 1)), int(random.integers(1, 64))
         word = WORDS[random.integers(len(WORDS))]

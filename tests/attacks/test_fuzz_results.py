@@ -9,6 +9,7 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import store
+from mbsbench.harness.results.npz import read_npz, write_npz
 
 from ..harness.conftest import PLUGIN
 from .fuzzing import COUNT, Tally, mutate, mutate_json
@@ -24,11 +25,11 @@ dt = [0.001, 0.002]
 problem = "free_fall"
 solver = ["exact", "raises", "gives_up", "refuses"]
 """
-READERS = (
-    ("show", "{0}"), ("show", "{0}", "--json"), ("report", "{0}"), ("bundle", "{0}", "-o", "{1}"), ("history", "{0}"),
-    ("diff", "{0}", "{2}"), ("merge", "{1}.d", "{0}", "{2}"), ("verify", "{0}", "--help"), ("figures", "{0}"),
+QUICK = (
+    ("show", "{0}"), ("show", "{0}", "--json"), ("bundle", "{0}", "-o", "{1}"), ("history", "{0}"),
+    ("diff", "{0}", "{2}"), ("merge", "{1}.d", "{0}", "{2}"),
 )  # fmt: skip
-OFTEN = (0, 1, 3, 4, 5, 6, 0, 1, 3, 5, 2, 0, 3, 0, 8)  # pages and figures take seconds
+READERS = (*QUICK, *QUICK, ("report", "{0}"), *QUICK, ("figures", "{0}"))  # these take seconds
 
 
 @pytest.fixture(scope="module")
@@ -52,11 +53,10 @@ def change(folder, random):
         path = with_series[random.integers(len(with_series))]
         record = json.loads(json.loads(path.read_text())["record"])
         series = folder / record["series"]
-        with np.load(series) as found:
-            arrays = {name: found[name] for name in found.files}
+        arrays = dict(read_npz(series, 2**30))
         name = sorted(arrays)[random.integers(len(arrays))]
         arrays |= {name: change_array(arrays[name], random)}
-        np.savez_compressed(series, **arrays)
+        write_npz(series, arrays)
         record["series_sha256"] = hashlib.sha256(series.read_bytes()).hexdigest()
         return rewrite(path, record)
     files = sorted(p for p in folder.rglob("*") if p.is_file())
@@ -75,9 +75,7 @@ def rewrite(path, record):
 def change_array(a, random):
     """Make it another array: of other values, type, shape or order."""
     if a.dtype.kind not in "fi" or a.size == 0:
-        return (
-            random.choice([np.array("x" * 50), np.zeros(0), np.array([["a"]])], axis=None) if False else np.array("{")
-        )
+        return (np.array("{"), np.zeros(0), np.array("[" * 200))[random.integers(3)]
     b = a.astype(float).copy()
     where = tuple(int(random.integers(n)) for n in b.shape)
     ways = (
@@ -96,12 +94,14 @@ def put(b, where, value):
 def test_mutated_results_are_read_named_or_set_aside(folder, tmp_path):
     """No traceback, whatever command reads them."""
     tally, copy = Tally("results folders"), tmp_path / "copy"
+    for command in ("show", "report", "figures"):  # as it is; and what readers import late is there for all
+        assert main([command, str(folder)]) == 0
     for seed in range(COUNT):
         random = np.random.default_rng([seed, 7])
         shutil.rmtree(copy, ignore_errors=True)
         shutil.rmtree(tmp_path / "out.d", ignore_errors=True)
         shutil.copytree(folder, copy)
         what = change(copy, random)
-        line = [word.format(copy, tmp_path / "out", folder) for word in READERS[OFTEN[seed % len(OFTEN)]]]
+        line = [word.format(copy, tmp_path / "out", folder) for word in READERS[seed % len(READERS)]]
         tally.run(f"seed {seed}, {what}, {line[0]}", lambda line=line: main(line))
     tally.close()
