@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import re
+import signal
 import sys
 import tomllib
 import zipfile
@@ -15,32 +16,16 @@ import numpy as np
 NAMES = re.compile(r"((runs|references|series)/[\w-]{1,64}\.npy|(problems/)?[\w.-]{1,64}\.(json|toml|txt))", re.ASCII)
 MAX_FILES, MAX_BYTES, MAX_JSON, MAX_VALUES = 20_000, 1 << 29, 1 << 24, 3_000_000
 REL, EPS, STEP, ZERO, ONE = 1e-6, 1e-12, 1e-30, np.zeros(3), np.eye(3)  # tolerance, rounding, step of derivatives
-LIMITS, SOFT = (
-    {"energy": 0.1, "orthogonality": 1e-3, "gap": 0.01, "gap_rate": 0.05},
-    {"motion", "velocity", "rows"},
-)  # of scales
+LIMITS = {"energy": 0.1, "orthogonality": 1e-3, "gap": 0.01, "gap_rate": 0.05}  # what laws allow, of scales
+SOFT = {"motion", "velocity", "rows"}  # laws that an inaccurate motion breaks
 SHAPES = """mass:b inertia:b33 gyration:b gravity:3 start_r:b3 start_R:b33 start_v:b3 start_Omega:b3 user_i:u user_j:u
  joint_i:j joint_j:j joint_s_i:j3 joint_s_j:j3 joint_u:j3 joint_w:j3 joint_n:j33 joint_length:j joint_motion:j7
- joint_k:j joint_c:j
- joint_points:j joint_lines:j joint_axes:j joint_moving:j"""  # for numbers of bodies, user forces and joints
+ joint_k:j joint_c:j joint_points:j joint_lines:j joint_axes:j joint_moving:j"""  # by bodies, user forces, joints
 ROWS = {"points": 3, "lines": 3, "axes": 3, "driven position": 1, "driven distance": 1, "driven angle": 1, "spring": 1}
-ROWS |= {
-    "knife edge": 1,
-    "rolling disc": 3,
-    "rack and pinion": 1,
-    "torsion": 1,
-    "load": 1,
-}  # the rare ones are from place 13 on
+ROWS |= {"knife edge": 1, "rolling disc": 3, "rack and pinion": 1, "torsion": 1, "load": 1}  # rare: from place 13 on
 PLACES, HALVES, ANGLES = [(kind, k) for kind in ROWS for k in range(ROWS[kind])], [8, 11], [6, 7, 8, 11]
 JUDGED = ("success", "inaccurate", "wrong")  # what a claimed success may be
-LIMITED = (
-    "wall_limit",
-    "cpu_limit",
-    "code_limit",
-    "total_limit",
-    "measure_limit",
-    "suspended",
-)  # what leaves a run unfinished
+UNFINISHED = {"wall_limit", "cpu_limit", "code_limit", "total_limit", "measure_limit", "suspended"}  # what ends a run
 ACCURATE = {"accurate_until_s": 0.1, "accurate_until_1pct_s": 0.01, "accurate_until_0p1pct_s": 0.001}  # of the length
 SHARES = {"energy": "energy_share_max", "gap": "gap_share_max", "gap_rate": "gap_rate_share_max"}
 SHARES["orthogonality"] = "orthogonality_max"
@@ -129,68 +114,72 @@ class Problem:
     """The validated numbers and the exact motion of a problem, and the laws of mechanics for states in rows."""
 
     def __init__(self, data, exact, name):
-        sizes, own, reference = {"3": 3, "7": 7}, vars(self), data["reference"]
+        self.kinds, self.t_end = np.array(data["joint_kinds"], "U40"), float(data["t_end_s"])
+        self.read_numbers(data["numbers"], name)
+        self.place_rows()
+        self.read_switches(data)
+        self.find_mechanisms()
+        self.read_exact(exact, data["reference"])
+
+    def read_numbers(self, numbers, name):
+        """Take every number under its name; refuse those that are not finite or not of their shape."""
+        sizes, own = {"3": 3, "7": 7}, vars(self)
         for key, letters in (entry.split(":") for entry in SHAPES.split()):
-            a = np.array(data["numbers"][key], float)
+            a = np.array(numbers[key], float)
             shape = tuple(sizes.setdefault(letter, len(a)) for letter in letters)
             a, body = a.reshape(shape) if 0 in shape else a, letters in "uj" and key.endswith(("_i", "_j"))
             known = a.shape == shape and np.isfinite(a).all() and not (body and ((a < -1) | (a >= sizes["b"])).any())
             demand(known, f"{name}: {key} is not finite, of shape {shape} or beyond the bodies")
             own[key.removeprefix("joint_")] = a.astype(int) if body else a
-        self.nb, self.t_end, self.kinds = nb, t_end, kinds = (
-            sizes["b"],
-            float(data["t_end_s"]),
-            np.array(data["joint_kinds"], "U40"),
+        self.nb, self.user_count, nb = sizes["b"], sizes["u"], sizes["b"]
+        sound = 0 < nb <= 2000 and max(sizes.values()) <= 50 * nb + 50
+        sound = sound and (self.mass > 0).all() and 0 < self.t_end < np.inf and len(self.kinds) == sizes["j"]
+        demand(
+            sound and set(self.kinds[self.moving > 0]) <= set(ROWS), f"{name}: bodies, masses, joint_kinds or t_end_s"
         )
-        known = 0 < nb <= 2000 and max(sizes.values()) <= 50 * nb + 50 and (self.mass > 0).all() and 0 < t_end < np.inf
-        demand(known and set(kinds[self.moving > 0]) <= set(ROWS), f"{name}: bodies, masses, joint_kinds or t_end_s")
-        self.of, self.place = np.nonzero(
-            np.transpose([own.get(kind, self.moving * (kinds == kind)) > k for kind, k in PLACES])
-        )  # of rows
-        force, torque, load = (kinds == kind for kind in ("spring", "torsion", "load"))
-        joint, self.rare, self.whole = ~(force | torque | load), self.place.max(initial=0) > 12, np.ones(nb, bool)
-        self.joint, self.pushes, ends = (
-            joint[self.of],
-            load[self.of],
-            np.array([[*self.i, *self.user_i], [*self.j, *self.user_j]], int),
-        )
-        at, group = np.append(self.i, self.j), np.arange(nb)  # mechanisms: bodies that joints and forces join
+        normal = numbers.get("planar_normal")
+        self.normal = None if normal is None else np.array(normal, float).reshape(3)
+
+    def place_rows(self):
+        """Find the joint and the place in PLACES of each row of phi, and which rows are of joints and of loads."""
+        own, moving = vars(self), [self.moving * (self.kinds == kind) for kind, _ in PLACES]
+        counts = [own.get(kind, some) > k for (kind, k), some in zip(PLACES, moving, strict=True)]
+        self.of, self.place = np.nonzero(np.transpose(counts))
+        self.joints, self.rare = ~np.isin(self.kinds, ("spring", "torsion", "load")), self.place.max(initial=0) > 12
+        self.joint, self.pushes = self.joints[self.of], (self.kinds == "load")[self.of]
+
+    def read_switches(self, data):
+        """Take what turns laws on and off: a literal start, forces that are code, work, invariants."""
+        self.literal, self.user = bool(data["literal_start"]), bool(self.user_count or data["not_serialised"])
+        self.has_work = bool(self.user or self.c.any() or self.motion.any())
+        self.invariants = {about["name"]: about for about in data["invariants"]}
+        self.laws = tuple(LIMITS)[: 4 if self.joints.any() and not self.literal else 2]
+
+    def find_mechanisms(self):
+        """Find bodies that joints and forces join, which of these are held by the ground, and how far joints reach."""
+        nb, arms = self.nb, norm(np.append(self.s_i, self.s_j, 0)) * np.tile(self.joints, 2)
+        ends = np.array([[*self.i, *self.user_i], [*self.j, *self.user_j]], int)
+        at, group = np.append(self.i, self.j), np.arange(nb)
         for i, j in ends.T:
             group[group == group[i]] = group[j] if min(i, j) >= 0 else group[i]
-        self.parts, holds = (
-            [group == g for g in np.unique(group)],
-            (ends < 0).any(0) & np.append(joint | force, self.user_i < nb),
-        )
-        arms, self.arm = norm(np.append(self.s_i, self.s_j, 0)) * np.tile(joint, 2), np.append(self.gyration, 0)
+        self.whole, self.parts = np.ones(nb, bool), [group == g for g in np.unique(group)]
+        holds = (ends < 0).any(0) & np.append(self.joints | (self.kinds == "spring"), self.user_i < nb)
+        self.held, self.arm = np.isin(np.arange(nb), ends[:, holds]), np.append(self.gyration, 0)
         np.maximum.at(self.arm, at, arms)
-        self.held, self.arms = np.isin(np.arange(nb), ends[:, holds]), np.bincount(at + 1, arms, nb + 1)[1:]
-        self.loose = np.bincount(at + 1, np.tile(joint & (self.points < 1), 2), nb + 1)[1:] > 0
-        self.user_count, self.literal, normal = (
-            sizes["u"],
-            bool(data["literal_start"]),
-            data["numbers"].get("planar_normal"),
-        )
-        self.normal = None if normal is None else np.array(normal, float).reshape(3)
-        self.user, self.invariants = (
-            bool(sizes["u"] or data["not_serialised"]),
-            {about["name"]: about for about in data["invariants"]},
-        )
-        self.has_work, self.rim = (
-            bool(self.user or self.c.any() or self.motion.any()),
-            self.gyration.max() + self.arms.sum(),
-        )
-        self.laws = tuple(LIMITS)[: 4 if joint.any() and not data["literal_start"] else 2]
-        start = np.concatenate([own[f"start_{key}"].reshape(nb, -1) for key in ("r", "R", "v", "Omega")], 1).ravel()
-        self.start, self.horizon, self.route = (
-            np.array([[0, *start, 0]]),
-            float(reference["horizon_s"]),
-            str(reference["route"]),
-        )
-        self.exact, self.horizon = (self.start[:0], -np.inf) if exact is None else (exact, self.horizon)
-        even = self.exact[:, 0] / min(t_end, self.horizon) * 2000
-        self.sizing = np.append(
-            self.start, self.exact[(np.abs(even - np.round(even)) < 1e-7) & (even <= 2000 * (1 + EPS))], 0
-        )
+        self.arms = np.bincount(at + 1, arms, nb + 1)[1:]
+        self.loose = np.bincount(at + 1, np.tile(self.joints & (self.points < 1), 2), nb + 1)[1:] > 0
+        self.rim = self.gyration.max() + self.arms.sum()
+
+    def read_exact(self, exact, reference):
+        """Take the start and the exact motion, and those of its states that set scales."""
+        own = vars(self)
+        start = [own[f"start_{key}"].reshape(self.nb, -1) for key in ("r", "R", "v", "Omega")]
+        self.start, self.route = np.array([[0, *np.concatenate(start, 1).ravel(), 0]]), str(reference["route"])
+        self.horizon = -np.inf if exact is None else float(reference["horizon_s"])
+        self.exact = self.start[:0] if exact is None else exact
+        even = self.exact[:, 0] / min(self.t_end, self.horizon) * 2000
+        sets = (np.abs(even - np.round(even)) < 1e-7) & (even <= 2000 * (1 + EPS))
+        self.sizing = np.append(self.start, self.exact[sets], 0)
 
     def spread(self, r, D):
         """Return the root mean square of r + Ds over the matter s of each body: of changes of poses or velocities."""
@@ -971,7 +960,7 @@ class Report:
     def check_problem(self, p, data):
         """What a problem says of itself fits its numbers: names, user forces, gyrations, frame, plane."""
         self.claim("body_names", len(data["body_names"]) == p.nb, len(data["body_names"]), p.nb)
-        joints = int((~np.isin(p.kinds, ("spring", "torsion", "load"))).sum())
+        joints = int(p.joints.sum())
         self.claim("joint_names", len(data["joint_names"]) == joints, len(data["joint_names"]), joints)
         self.claim("joint_kinds", len(data["joint_kinds"]) == len(p.i), len(data["joint_kinds"]), len(p.i))
         forces = [f"user force {k}" for k in range(p.user_count)]
@@ -1062,7 +1051,7 @@ class Report:
         """How a run ended is told by its status, by what its solver claimed, and by what ended it: these fit."""
         rec, status, claimed, by = self.rec, self.rec["status"], self.rec["claimed"], self.rec["ended_by"]
         if not claimed:
-            wanted = {"memory_limit": "memory"} | dict.fromkeys(LIMITED, "unfinished")
+            wanted = {"memory_limit": "memory"} | dict.fromkeys(UNFINISHED, "unfinished")
             self.claim("status", status == wanted.get(by, "crashed"), status, wanted.get(by, "crashed"))
             self.claim("ended_by", by not in ("", "solver"), by, "what ended a solver that claims nothing")
             self.claim("counters", rec["counters"] == "{}", rec["counters"], "none: its solver claims nothing")
@@ -1160,5 +1149,7 @@ def plain(text):
 
 
 if __name__ == "__main__":
+    if hasattr(signal, "SIGPIPE"):  # a reader that has seen enough ends it without a word
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     paths = [word for word in sys.argv[1:] if word != COMPLETE]
     sys.exit(max((main(path, COMPLETE in sys.argv) for path in paths), default=2))
