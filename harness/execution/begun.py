@@ -11,12 +11,12 @@ from pathlib import Path
 
 from ..places import Place
 from ..results.provisional import files_of
-from ..results.records import RunRecord
+from ..results.records import RunRecord, to_json
 from ..results.store import Unreadable
 
 NAME = ".begun"
 LARGEST = 2**26  # [bytes] of a list: a million runs
-WHY = "no runner let this run begin, or saw it end: something else wrote its record"
+WHY = "no runner let this run begin, or it ended with another record: something else wrote its record"
 
 
 class Begun:
@@ -44,7 +44,11 @@ class Begun:
             self.place.remove_file(missing_ok=True)
 
 
-def list_foreign(folder: Path, records: Iterable[RunRecord], known: Iterable[str]) -> list[list[Unreadable]]:
-    """List the files of each record that is none of the ``known`` runs."""
-    own = set(known)
-    return [files_of(folder, r, WHY) for r in records if r.run_id not in own]
+def is_same(found: RunRecord, promised: RunRecord | None) -> bool:
+    """Whether a record is the one of which the supervisor told, or that was there before."""
+    return promised is not None and to_json(found) == to_json(promised)
+
+
+def list_foreign(folder: Path, records: Iterable[RunRecord]) -> list[list[Unreadable]]:
+    """List the files of each record that something else wrote."""
+    return [files_of(folder, r, WHY) for r in records]

@@ -193,7 +193,8 @@ def _store(job: Job, files: Mapping[str, bytes]) -> str:
             (Place(job.folder) / name).write(files[name])
         except OSError as e:  # ours, not the cluster's
             raise PoolError(f"cannot write to {job.folder}: {e.strerror or e}; finished runs are kept") from None
-    return digest_of(record_in(f"{job.id}.json", files[f"runs/{job.id}.json"]))
+    name = f"{job.id}.json"
+    return digest_of(record_in(name, files[f"runs/{name}"])) if f"runs/{name}" in files else ""
 
 
 class _Supervisor(Supervised):

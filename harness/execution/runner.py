@@ -21,7 +21,7 @@ from ..suites.includes import OWN_COPY
 from ..suites.spec import RunSpec
 from ..suites.suite import Suite
 from ..types import EndedBy
-from .begun import Begun, list_foreign
+from .begun import Begun, is_same, list_foreign
 from .job import Job
 from .pool import LocalPool, PoolError, TimeLimit
 
@@ -85,7 +85,8 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         store.remove_partial(folder)
         before, begun = store.load(folder), Begun(folder)
         store.set_aside(folder, before.unreadable)
-        before = _set_foreign_aside(folder, before, begun.read())
+        if (listed := begun.read()) is not None:
+            before = _set_foreign_aside(folder, before, lambda r: r.run_id in listed)
         (Place(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where = _stamp(request)
         jobs = _jobs(request, folder.resolve(), where)
@@ -95,9 +96,8 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         done = {r.run_id for r in before.records} - {u.path.stem for u in again}
         waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
-        earlier = {r.run_id for r in before.records} - {u.path.stem for u in again}
-        begun.begin(earlier)
-        promised: dict[str, RunRecord | None] = {r.run_id: r for r in before.records if r.run_id in done & own}
+        promised: dict[str, RunRecord | None] = {r.run_id: r for r in before.records if r.run_id in done}
+        begun.begin(promised)
 
         def note_start(job: Job) -> None:
             begun.add(job.id)
@@ -113,7 +113,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
 
         def collect_results() -> Loaded:
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
-            now = _set_foreign_aside(folder, now, {*earlier, *promised})
+            now = _set_foreign_aside(folder, now, lambda r: is_same(r, promised.get(r.run_id)))
             begun.end()
             loaded = Loaded(tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable))
             store.write_table(folder, tuple(r for r in now.records if r.settings_id in whole))
@@ -129,7 +129,8 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
             raise
         loaded = collect_results()
         there = {r.run_id: r for r in loaded.records}
-        lost = [i for i, r in promised.items() if r is None or not store.is_there(folder, r, there.get(i))]
+        ours = {i: r for i, r in promised.items() if i in own}
+        lost = [i for i, r in ours.items() if r is None or not store.is_there(folder, r, there.get(i))]
         if lost:
             raise PoolError(
                 f"{len(lost)} of {len(jobs)} results in {folder} are gone, or not as they were written; "
@@ -144,9 +145,9 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
     return loaded
 
 
-def _set_foreign_aside(folder: Path, loaded: Loaded, known: set[str] | None) -> Loaded:
-    """Set aside the records of all but the ``known`` runs; None keeps all."""
-    foreign = [] if known is None else list_foreign(folder, loaded.records, known)
+def _set_foreign_aside(folder: Path, loaded: Loaded, is_ours: Callable[[RunRecord], bool]) -> Loaded:
+    """Set aside the records that are not ours, with their files."""
+    foreign = list_foreign(folder, [r for r in loaded.records if not is_ours(r)])
     store.set_aside(folder, chain.from_iterable(foreign))
     gone = {files[0].path.stem for files in foreign if files}
     kept = tuple(r for r in loaded.records if r.run_id not in gone)

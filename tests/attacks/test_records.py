@@ -108,3 +108,17 @@ def test_results_without_a_list_of_begun_runs_are_read_as_they_are(tmp_path):
     assert Begun(tmp_path / "run").read() is None
     _, watcher = run_in(tmp_path / "run", text, 1, resume=True)
     assert watcher.ran == [] and watcher.set_aside == []
+
+
+def test_a_record_that_another_solver_changes_is_no_result(tmp_path, monkeypatch):
+    """Of a run that is over, with a digest that fits: it is set aside, counted, and done again."""
+    text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["exact", "forges_records"]')
+    folder = tmp_path / "run"
+    files, _ = forge(folder, text)
+    monkeypatch.setenv(FORGED, json.dumps({path: files[path] for path in list(files)[:1]}))
+    with pytest.raises(RuntimeError, match=r"1 of 2 results .* not as they were written"):
+        run_in(folder, text, 1, plugins=PLUGINS)
+    assert [r.solver for r in store.load(folder).records] == ["forges_records"]
+    monkeypatch.setenv(FORGED, "{}")
+    again, watcher = run_in(folder, text, 1, plugins=PLUGINS, resume=True)
+    assert len(watcher.ran) == 2 and "success" in {r.status for r in again.records}
