@@ -36,7 +36,7 @@ COMPARE := $(BIN)/python -m mbsbench.tests.processors.compare_bits
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-shapes test-python test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
+.PHONY: help setup test attacks test-shapes test-python test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -92,6 +92,10 @@ test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from 
 	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/solvers/engines tests/harness/races tests/harness/catalogue \
 		tests/harness/foreign tests/harness/fuzz tests/cli/test_questions.py
 	$(BIN)/python -m pytest -q -n 2 -m slow --benchmark-disable tests/cli/test_questions.py
+
+attacks: $(READY) ## mutate results folders, bundles, tables and models a thousand times each, and count what readers do; an hour
+	MUTATIONS=1000 $(BIN)/python -m pytest -q -s tests/attacks
+	$(BIN)/python -m tests.attacks.cases
 
 test-arm64: $(READY) ## compare the gate's cases, shortened, with an emulated arm64 bit for bit; half an hour (apt, as root)
 	sh tests/processors/arm64.sh

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from ..harness.files import parse_toml, read_text
-from ..harness.ladder.bundling import read_entry
+from ..harness.ladder.bundling import read_entry, require_checker
 from ..harness.ladder.closing import FILE, read_closing
 from ..harness.ladder.ranking import INDEPENDENT, LABELS, Row, rank_entries
 from .arguments import UsageError
@@ -15,6 +15,7 @@ LABEL_FILE = "labels.toml"
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page; return 1 if an entry was removed, else 0."""
+    require_checker()
     folder = Path(arguments.folder)
     files = sorted(folder.glob("*.zip"))
     if not files:

@@ -45,6 +45,12 @@ def _data() -> list[Path]:
     return [f for f in [*files, ROOT / "requirements.lock"] if f.exists() and f not in left_out]
 
 
+def test_the_checker_is_in_the_wheel():
+    """Without it no ladder can be ranked; it is data, since nothing imports it."""
+    assert "checker/check_bundle.py" in SETUPTOOLS["package-data"]["mbsbench"]
+    assert (ROOT / "checker" / "check_bundle.py").is_file()
+
+
 def test_the_wheel_stays_below_3_MB():
     """Modules and data, compressed as in a wheel; its own files add a few percent, which the slow test counts."""
     files = [*_data(), *(p for part in PARTS for p in (ROOT / part).rglob("*.py"))]
@@ -72,6 +78,7 @@ def test_wheel_carries_modules_and_data(tmp_path):
         ROOT / "__main__.py",
         ROOT / "api.py",
         ROOT / "kit.py",
+        ROOT / "checker" / "check_bundle.py",
         *(p for part in PARTS for p in (ROOT / part).rglob("*.py")),
     ]
     assert wheel.stat().st_size < LARGEST

@@ -18,6 +18,7 @@ from ..results import store
 from ..results.records import COLUMNS, RunRecord, is_literal
 from ..results.selection import REACTION, STATE, select_states
 from ..results.series import Series
+from ..types import Status
 from .crate import METADATA, describe_crate
 from .invariants import describe_invariants
 from .table import make_table
@@ -103,6 +104,9 @@ def _list_data(
             run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
             chosen, exact_ones, run["between"] = select_states(series)
             chosen = chosen | lossless
+            if lossless and len(chosen) <= record.steps and record.claimed == Status.SUCCESS:
+                raise FileError(f"run {record.run_id} keeps {len(chosen)} of its {record.steps + 1} states: run its "
+                                "suite with --lossless, or bundle without")  # fmt: skip
             exact_of.setdefault(name, _Exact(problem)).add(series, exact_ones | lossless)
             run["peaks_s"] = dict(series.peaks)
             if "state_reaction" in series and REACTION in series.peaks:

@@ -25,8 +25,9 @@ from typing import Any
 from .. import machine
 from ..places import Place
 from ..results import codes, environment
+from ..results.records import RunRecord
 from ..results.series import LARGEST
-from ..results.store import PARTS, create, write_record
+from ..results.store import PARTS, create, digest_of, read_record, record_in, write_record
 from ..suites.spec import RunSpec
 from ..types import EndedBy
 from .job import Job, cut_short
@@ -44,7 +45,7 @@ class DaskPool:
 
     address: str
     on_start: Callable[[Job], None] = lambda job: None
-    on_end: Callable[[Job], None] = lambda job: None
+    on_end: Callable[[Job, str], None] = lambda job, sha256: None  # with the digest of its record
     tick: Callable[[], None] = lambda: None
     on_warmup: Callable[[dict[str, float]], None] = lambda times: None
     _flying: dict[Any, Job] = field(default_factory=dict)
@@ -97,12 +98,19 @@ class DaskPool:
             if failed is None and not future.result():
                 continue
             if failed is None:
-                _store(job, future.result())
+                digest = _store(job, future.result())
             elif isinstance(failed, distributed.KilledWorker):
-                write_record(job.folder, cut_short(job, EndedBy.WORKERS_LOST))
+                digest = digest_of(write_lost(job))
             else:
                 raise PoolError(f"a worker cannot execute runs: {failed}")
-            self.on_end(job)
+            self.on_end(job, digest)
+
+
+def write_lost(job: Job) -> RunRecord:
+    """Write the record of a run whose workers were lost."""
+    record = cut_short(job, EndedBy.WORKERS_LOST)
+    write_record(job.folder, record)
+    return record
 
 
 _stopped: set[str] = set()  # on a worker: tickets of runs that have met their limit
@@ -157,10 +165,13 @@ def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
         supervisor = _supervisor()
         _serving.setdefault(ticket, []).append(supervisor)
         try:
-            supervisor.run(local)
+            told = supervisor.run(local)
         finally:
             _serving[ticket].remove(supervisor)
         own_files = {part: Place(local.folder) / part for part in PARTS}
+        for name in own_files["runs"].names():
+            if name != f"{job.id}.json" or digest_of(read_record(own_files["runs"] / name)) != told:
+                raise RuntimeError(f"something else than the run wrote the record {name}")
         files = {f"{k}/{name}": (part / name).read(LARGEST) for k, part in own_files.items() for name in part.names()}
         return {f"environment.{own}.json": stamp, **files}
 
@@ -175,13 +186,15 @@ def _here() -> tuple[str, bytes]:
     return environment.identity(stamp), json.dumps(stamp, indent=1).encode()
 
 
-def _store(job: Job, files: Mapping[str, bytes]) -> None:
-    """Write what a worker sent, the record last."""
+def _store(job: Job, files: Mapping[str, bytes]) -> str:
+    """Write what a worker sent, the record last; return the digest of that."""
     for name in sorted(files, key=lambda n: n.startswith("runs/")):
         try:
             (Place(job.folder) / name).write(files[name])
         except OSError as e:  # ours, not the cluster's
             raise PoolError(f"cannot write to {job.folder}: {e.strerror or e}; finished runs are kept") from None
+    name = f"{job.id}.json"
+    return digest_of(record_in(name, files[f"runs/{name}"])) if f"runs/{name}" in files else ""
 
 
 class _Supervisor(Supervised):
@@ -192,17 +205,19 @@ class _Supervisor(Supervised):
         self.warm: list[RunSpec] = []
         self.news: list[News] = []
 
-    def run(self, job: Job) -> None:
-        """Returns when the run has its record."""
+    def run(self, job: Job) -> str:
+        """Return the digest of the run's record, once that is stored."""
         specs = [c for c in runs_to_warm([job.spec]) if c not in self.warm]
         self.send(Warm(specs, [job]))
         while not (isinstance(warmed := self._answer(), Warmed) and warmed.over):
             pass
         self.warm += specs
         self.send(Start(job))
-        done = self._answer()
-        if isinstance(done, Done) and (done.error or done.unbegun):
+        while not isinstance(done := self._answer(), Done):
+            pass
+        if done.error or done.unbegun:
             raise RuntimeError(done.error or f"a run could not begin: {done.unbegun}")
+        return done.sha256
 
     def _answer(self) -> News:
         while not self.news:

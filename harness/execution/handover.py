@@ -104,11 +104,12 @@ def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -
 def _with_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
     """All the process took as its cost, and a note, where its own clocks account for less than half of that.
 
-    What a report that claims a cost does not say is 0: ours says it always.
+    A report of a motion that leaves out any cost accounts for nothing: ours says all.
     """
-    inside = float(report.cost.get("cpu_inside_s", math.nan))
-    inside = 0.0 if math.isnan(inside) else inside
-    if "cpu_median_s" not in report.cost or not math.isfinite(spent) or spent <= 2.0 * inside + HIDDEN:
+    whole = not any(math.isnan(float(report.cost.get(name, math.nan))) for name in (*COST, "cpu_inside_s"))
+    inside = float(report.cost["cpu_inside_s"]) if whole else 0.0
+    moved = report.claimed not in (None, Status.REFUSED)
+    if not moved or not math.isfinite(spent) or spent <= 2.0 * inside + HIDDEN:
         return report
     words = (
         f"its process took {spent:.3g} s of CPU time, of which its own clocks account for {inside:.3g} s: all counts"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from ..clock import cpu_seconds_below
 from ..code_meter import add_code_below, code_seconds_of_tree
-from ..results.store import path_of, write_record
+from ..results.store import digest_of, write_record
 from ..sandbox.apart import SLACK
 from ..types import EndedBy
 from .costs import LAWS, Prepared, reference_name
@@ -60,7 +60,7 @@ class LocalPool:
 
     size: int
     on_start: Callable[[Job], None] = lambda job: None
-    on_end: Callable[[Job], None] = lambda job: None
+    on_end: Callable[[Job, str], None] = lambda job, sha256: None  # with the digest of its record
     tick: Callable[[], None] = lambda: None
     on_warmup: Callable[[dict[str, float], dict[str, float]], None] = lambda times, references: None
     environ: Mapping[str, str] = field(default_factory=dict)  # of the processes of runs, beside ours
@@ -99,16 +99,15 @@ class LocalPool:
             if deaths > 3 and not self._is_over():
                 raise PoolError(f"the supervisor process ended repeatedly with code {code}")
             for job in self._flying.values():
-                if not path_of(job.folder, job.id).is_there():  # else only the news of its end was lost
-                    if self._limit is not None and self._is_over():
-                        ending = cut_short(job, EndedBy.TOTAL_LIMIT, ended_limit_s=self._limit.seconds)
-                    elif self._attempts[job.id] < 2 + job.alone:
-                        waiting.append(job)  # at the end: it goes next, and alone
-                        continue
-                    else:
-                        ending = cut_short(job, EndedBy.SUPERVISOR_LOST, exit_code=max(code, 0), signal=max(-code, 0))
-                    write_record(job.folder, ending)
-                self.on_end(job)
+                if self._limit is not None and self._is_over():
+                    ending = cut_short(job, EndedBy.TOTAL_LIMIT, ended_limit_s=self._limit.seconds)
+                elif self._attempts[job.id] < 2 + job.alone:
+                    waiting.append(job)  # at the end: it goes next, and alone; nobody said that a record of it is one
+                    continue
+                else:
+                    ending = cut_short(job, EndedBy.SUPERVISOR_LOST, exit_code=max(code, 0), signal=max(-code, 0))
+                write_record(job.folder, ending)
+                self.on_end(job, digest_of(ending))
             self._flying.clear()
 
     def _serve(self, waiting: list[Job]) -> int | None:
@@ -177,4 +176,4 @@ class LocalPool:
                 self._check_unbegun()
             return
         self._in_a_row = 0
-        self.on_end(job)
+        self.on_end(job, news.sha256)

@@ -46,9 +46,13 @@ class Warmed(Message, frozen=True):
 
 
 class Done(Message, frozen=True):
-    """A run is over. Its record is stored unless ``error`` or ``unbegun`` says why it could not be, or why none is."""
+    """A run is over. Its record is stored unless ``error`` or ``unbegun`` says why it could not be, or why none is.
+
+    ``sha256`` is the digest of that record: what else stands in its place was written by somebody else.
+    """
 
     run_id: str
+    sha256: str = ""
     error: str = ""
     unbegun: str = ""
 

@@ -21,6 +21,7 @@ from ..suites.includes import OWN_COPY
 from ..suites.spec import RunSpec
 from ..suites.suite import Suite
 from ..types import EndedBy
+from .begun import Begun, is_same, list_foreign
 from .job import Job
 from .pool import LocalPool, PoolError, TimeLimit
 
@@ -82,8 +83,10 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
     store.create(folder)
     with store.lock(folder):
         store.remove_partial(folder)
-        before = store.load(folder)
+        before, begun = store.load(folder), Begun(folder)
         store.set_aside(folder, before.unreadable)
+        if (listed := begun.read()) is not None:
+            before = _set_foreign_aside(folder, before, lambda r: r.run_id in listed)
         (Place(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where, stamped = _stamp(request)
         jobs = _jobs(request, folder.resolve(), where)
@@ -93,16 +96,25 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         done = {r.run_id for r in before.records} - {u.path.stem for u in again}
         waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
-        promised: dict[str, RunRecord | None] = {}
+        promised: dict[str, RunRecord | None] = {r.run_id: r for r in before.records if r.run_id in done}
+        begun.begin(promised)
 
-        def note_end(job: Job) -> None:
+        def note_start(job: Job) -> None:
+            begun.add(job.id)
+            watcher.on_start(job)
+
+        def note_end(job: Job, sha256: str) -> None:
             promised[job.id] = None
             with contextlib.suppress(FileError):  # gone already: counted at the end
-                promised[job.id] = record = store.read_record(store.path_of(folder, job.id))
-                watcher.on_end(job, record)
+                record = store.read_record(store.path_of(folder, job.id))
+                if store.digest_of(record) == sha256:  # else it is not what the supervisor has stored
+                    promised[job.id] = record
+                    watcher.on_end(job, record)
 
         def collect_results() -> Loaded:
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
+            now = _set_foreign_aside(folder, now, lambda r: is_same(r, promised.get(r.run_id)))
+            begun.end()
             loaded = Loaded(tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable))
             store.write_table(folder, tuple(r for r in now.records if r.settings_id in whole))
             if request.is_newest:
@@ -110,15 +122,15 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
             return loaded
 
         try:
-            pool(request.jobs, watcher.on_start, note_end, watcher.tick, watcher.on_warmup).run(waiting, limit)
+            pool(request.jobs, note_start, note_end, watcher.tick, watcher.on_warmup).run(waiting, limit)
         except BaseException:
             with contextlib.suppress(OSError):  # a full disk: what ended the run has been reported already
                 collect_results()
             raise
         loaded = collect_results()
         there = {r.run_id: r for r in loaded.records}
-        lost = [i for i in done & own if i not in there or not stamps.has_its_series(folder, there[i])]
-        lost += [i for i, r in promised.items() if r is None or not stamps.is_there(folder, r, there.get(i))]
+        ours = {i: r for i, r in promised.items() if i in own}
+        lost = [i for i, r in ours.items() if r is None or not stamps.is_there(folder, r, there.get(i))]
         if lost:
             raise PoolError(
                 f"{len(lost)} of {len(jobs)} results in {folder} are gone, or not as they were written; "
@@ -136,6 +148,15 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         elif left:
             raise PoolError(f"{len(left)} of {len(jobs)} runs have no result in {folder}; run again with --resume")
     return loaded
+
+
+def _set_foreign_aside(folder: Path, loaded: Loaded, is_ours: Callable[[RunRecord], bool]) -> Loaded:
+    """Set aside the records that are not ours, with their files."""
+    foreign = list_foreign(folder, [r for r in loaded.records if not is_ours(r)])
+    store.set_aside(folder, chain.from_iterable(foreign))
+    gone = {files[0].path.stem for files in foreign if files}
+    kept = tuple(r for r in loaded.records if r.run_id not in gone)
+    return Loaded(kept, (*loaded.unreadable, *(files[0] for files in foreign if files)))
 
 
 def list_waiting(request: Request) -> list[RunSpec]:

@@ -69,10 +69,10 @@ class Supervisor:
                     self.running[more.pid] = more
                     return None
         except OSError as error:
-            return Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
+            return Done(job.id, error=f"cannot write to {job.folder}: {error.strerror or error}")
         except NotBegunError as error:
             return Done(job.id, unbegun=str(error))
-        return Done(job.id)
+        return Done(job.id, store.digest_of(record))
 
     @property
     def code_seconds(self) -> float:
@@ -140,7 +140,8 @@ def serve(orders: int, news: int) -> None:
                         try:
                             job.stderr.parent.make()  # where something stands in its place, no run can be judged
                         except OSError as error:
-                            os.write(news, line_of(Done(job.id, f"cannot write to {job.folder}: {words_of(error)}")))
+                            why = f"cannot write to {job.folder}: {words_of(error)}"
+                            os.write(news, line_of(Done(job.id, error=why)))
                         else:
                             supervisor.start(job)
     finally:

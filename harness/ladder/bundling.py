@@ -134,13 +134,20 @@ def _check_instances(given: tuple[RunRecord, ...], solver: str, drawn: tuple[Ins
     return found
 
 
+def require_checker() -> None:
+    """FileError where the checker is not there: without it no bundle can be believed."""
+    if not CHECKER.is_file():
+        raise FileError(f"bundles cannot be ranked without the independent checker: {CHECKER} is missing; reinstall")
+
+
 def check_bundle(path: Path) -> list[str]:
-    """Where the independent checker disagrees with a bundle; nothing where there is no checker."""
-    if not CHECKER.exists():
-        return []
-    line = (sys.executable, str(CHECKER), str(path))
+    """Where the independent checker disagrees with a bundle, which owes it the states of every success."""
+    require_checker()
+    line = (sys.executable, str(CHECKER), "--complete", str(path))
     try:
         done = subprocess.run(line, capture_output=True, text=True, timeout=CHECK_LIMIT, check=False)
     except subprocess.TimeoutExpired:
         return ["the checker did not end"]
-    return [] if done.returncode == 0 else (done.stdout or done.stderr).strip().splitlines()[-5:] or ["it disagrees"]
+    lines = (done.stdout or done.stderr).strip().splitlines()
+    differing = [line for line in lines[1:] if not line.startswith(" ")][:5]  # the first line counts, indented ones add
+    return [] if done.returncode == 0 else differing or lines or ["it disagrees"]

@@ -34,7 +34,7 @@ LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
 LOCK = ".lock"  # held by the one command that makes runs
 OTHERS = (
-    LOCK, ".spool", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "shadows.json",
+    LOCK, ".spool", ".begun", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "shadows.json",
     "suite.toml",
 )  # fmt: skip
 IN_PART = {part: re.compile(rf"{part}/[\w-][\w.-]*") for part in ("series", "stderr")}
@@ -156,6 +156,11 @@ def write_record(folder: Path, record: RunRecord) -> Path:
     place = path_of(folder, record.run_id)
     place.write(files.to_json({"sha256": _digest(body), "record": body}))
     return place.path
+
+
+def digest_of(record: RunRecord) -> str:
+    """Return the digest that stands in the file of a record."""
+    return _digest(to_json(record))
 
 
 def read_record(path: Path | Place) -> RunRecord:

@@ -135,7 +135,7 @@ PLANTED = {
 }
 
 
-def test_the_checker_is_one_short_file_that_imports_numpy_alone():
+def test_the_checker_is_one_file_that_imports_numpy_alone():
     """Beside the standard library: whoever doubts mbsbench can read it through, and nothing of mbsbench answers."""
     text = PROGRAM.read_text(encoding="utf-8")
     found = set()
@@ -145,7 +145,7 @@ def test_the_checker_is_one_short_file_that_imports_numpy_alone():
             found |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             found.add("" if node.level else node.module.partition(".")[0])
-    assert len(text.splitlines()) <= 400 and {p.name for p in PROGRAM.parent.glob("*.py")} == {PROGRAM.name}
+    assert {p.name for p in PROGRAM.parent.glob("*.py")} == {PROGRAM.name}
     assert found - set(sys.stdlib_module_names) == {"numpy"} and "importlib" not in found
 
 

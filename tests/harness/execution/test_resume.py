@@ -113,8 +113,8 @@ def test_a_run_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, 
     assert "supervisor_lost" in (aside / "why.txt").read_text()
 
 
-def test_a_success_whose_news_is_lost_is_never_replaced_by_less(run_text, monkeypatch):
-    """Its record is there, and its supervisor dies before it says so: it is not run again, nor called lost."""
+def test_a_success_whose_news_is_lost_is_done_again(run_text, monkeypatch):
+    """Its supervisor dies before it says that the record there is one: the run is not called lost, and ends alike."""
     receive, lost = Supervised.receive, []
 
     def losing(self, timeout=None):

@@ -4,7 +4,9 @@ import json
 
 import pytest
 
-from mbsbench.harness.ladder.bundling import CHECKER, check_bundle, read_entry, write_bundle
+from mbsbench.cli.__main__ import main
+from mbsbench.harness.ladder import bundling
+from mbsbench.harness.ladder.bundling import check_bundle, read_entry, write_bundle
 from mbsbench.harness.ladder.instances import digest_of
 from mbsbench.harness.ladder.ranking import INDEPENDENT, RE_RUN, rank_entries
 from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
@@ -82,6 +84,30 @@ def test_the_checker_finds_what_is_not_computed(bundle, tmp_path, how):
     """Records, states and references with new digests: a program that shares no code computes them anew."""
     path = edited(bundle, tmp_path, OF_NUMBERS[how])
     assert json.dumps(members_of(path)["records.json"].decode())
-    if not CHECKER.exists():
-        pytest.skip("the independent checker is not in this checkout")
     assert check_bundle(path)
+
+
+def test_nothing_is_ranked_without_the_checker(bundle, tmp_path, monkeypatch, capsys):
+    """One line, exit code 2: an installation without it has no means to believe a bundle."""
+    monkeypatch.setattr(bundling, "CHECKER", tmp_path / "check_bundle.py")
+    (tmp_path / "entry.zip").write_bytes(bundle.read_bytes())
+    assert main(["ladder", str(tmp_path)]) == 2
+    ended = capsys.readouterr()
+    assert "cannot be ranked without the independent checker" in ended.err and ended.err.count("\n") == 1
+    assert not (tmp_path / "index.html").exists()
+
+
+@pytest.mark.parametrize("lossless", [True, False])
+def test_an_entry_without_evidence_is_removed(bundle, tmp_path, lossless):
+    """Its numbers are consistent and its states left out, whether or not it calls itself lossless."""
+
+    def hide(members):
+        members["bundle.json"] = json.dumps(json.loads(members["bundle.json"]) | {"lossless": lossless}).encode()
+        nothing = {"states": "none", "problem": "", "peaks_s": {}, "arrays": {}, "reaction": [], "between": False}
+        members["runs.json"] = json.dumps([run | nothing for run in json.loads(members["runs.json"])]).encode()
+        for name in [n for n in members if n.startswith(("runs/", "series/", "problems/", "references/"))]:
+            del members[name]
+
+    entry = read_entry(edited(bundle, tmp_path, hide), SHORT)
+    (row,) = rank_entries([(entry, INDEPENDENT)])
+    assert row.rank == 0 and any("evidence" in words for words in row.forged)
