@@ -92,7 +92,10 @@ def check_refusals(e: Evidence) -> Finding:
     """Number of refusals with fewer than two words."""
     if all(r.status == Status.CRASHED for r in e.records.values()):
         return leave_open("all its runs crashed")
-    silent = [r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2]
+    refused = [r for r in e.records.values() if r.status == Status.REFUSED]
+    if not refused:
+        return leave_open("no run was refused")
+    silent = [r for r in refused if len(r.message.split()) < 2]
     return compare(len(silent), "refusals without", most=0, words=_describe_first(silent))
 
 

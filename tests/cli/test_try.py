@@ -258,5 +258,7 @@ def test_what_a_budget_cut_short_is_counted_and_not_passed(tmp_path, capsys, mon
     ladders = {f"order, {name}" for name in assessment.LADDERS}
     assert cut == {*ladders, "energy over many periods", "reactions", "symmetries"}
     assert main([*line, "--out", str(tmp_path / "again")]) == 1
-    said = " ".join(capsys.readouterr().out.split())
+    out, err = capsys.readouterr()
+    said = " ".join(out.split())
+    assert "stopped at the budget of 50 s (--budget), of which " in err
     assert "as expected; incomplete: 2 of 3 runs are left out by the budget" in said

@@ -9,8 +9,10 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import plugins, registry
+from mbsbench.harness.conformance import trials
 from mbsbench.harness.execution.warmup import runs_to_warm
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.types import StepControl
 
@@ -57,7 +59,9 @@ def test_the_worked_example_meets_the_requirements(example, command):
     """A page prints a whole solver. Of a function limits, recording, repetition and reactions are ours."""
     done = command("check", str(example), timeout=180.0)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "16 of 16 requirements met" in done.stdout
+    refuses = "refuses" in example.read_text(encoding="utf-8")  # one whose refusals there are
+    assert ("16 of 16" if refuses else "15 of 16") + " requirements met" in done.stdout
+    assert ("1 not tested" in done.stdout) is not refuses
 
 
 @each_example
@@ -66,6 +70,15 @@ def test_the_worked_example_runs(example, command, tmp_path):
     step = ("--set", "dt=0.001", "--t-end", "0.05", "--out", "top.npz")
     done = command("solve", "heavy_top", "midpoint", "--plugin", str(example), *step)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_where_nothing_was_refused_nothing_is_met():
+    """Nothing measured is not met: it is not tested."""
+    taken = RunRecord(status="success", claimed="success")
+    silent = RunRecord(status="refused", claimed="refused", message="no")
+    for records, holds, tested in (([taken], True, False), ([taken, silent], False, True)):
+        found = trials.check_refusals(trials.Evidence("dt", 2.0, {str(k): r for k, r in enumerate(records)}, {}))
+        assert (found.holds, found.is_tested) == (holds, tested)
 
 
 @pytest.mark.slow
