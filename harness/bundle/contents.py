@@ -1,5 +1,6 @@
 """The files of a bundle, made from a results folder and what its problems say they keep: nothing is run anew."""
 
+import contextlib
 import hashlib
 import json
 import re
@@ -97,35 +98,49 @@ def _list_data(
             raise FileError(f"{record.run_id!r} is no id of a run")
         run: dict[str, Any] = {"run_id": record.run_id, "problem": "", "states": "none", "peaks_s": {}, "arrays": {}}
         run |= {"reaction": list[float](), "between": False}
-        series = again.get(record.run_id) or store.series_of(folder, record)
-        if series is not None and "state_t" in series:
-            _check_arrays(record, series)
-            problem = _describe_problem(record, series)
-            run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
-            chosen, exact_ones, run["between"] = select_states(series)
-            chosen = chosen | lossless
-            if lossless and len(chosen) <= record.steps and record.claimed == Status.SUCCESS:
-                raise FileError(f"run {record.run_id} keeps {len(chosen)} of its {record.steps + 1} states: run its "
-                                "suite with --lossless, or bundle without")  # fmt: skip
-            exact_of.setdefault(name, _Exact(problem)).add(series, exact_ones | lossless)
-            run["peaks_s"] = dict(series.peaks)
-            if "state_reaction" in series and REACTION in series.peaks:
-                (at,) = np.flatnonzero(series["state_t"] == series.peaks[REACTION])
-                run["reaction"] = series["state_reaction"][at].tolist()
-            if np.any(chosen):
-                every = np.all(chosen) and len(chosen) == len(series["t"])
-                run["states"] = "every step" if every else "some steps"
-                states = (series[f"state_{key}"][chosen] for key in ("t", *STATE))
-                yield f"runs/{record.run_id}.npy", _write_states(_energy_of_states(series)[chosen], *states)
-            if lossless:
-                run["arrays"], content = _pack(_rows(series))
-                yield f"series/{record.run_id}.npy", content
+        with _whole_series(record):
+            series = again.get(record.run_id) or store.series_of(folder, record)
+            if series is not None and "state_t" in series:
+                _check_arrays(record, series)
+                problem = _describe_problem(record, series)
+                run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
+                chosen, exact_ones, run["between"] = select_states(series)
+                chosen = chosen | lossless
+                if lossless and len(chosen) <= record.steps and record.claimed == Status.SUCCESS:
+                    kept = f"{len(chosen)} of its {record.steps + 1} states"
+                    raise FileError(
+                        f"run {record.run_id} keeps {kept}: run its suite with --lossless, or bundle without"
+                    )
+                exact_of.setdefault(name, _Exact(problem)).add(series, exact_ones | lossless)
+                run["peaks_s"] = dict(series.peaks)
+                if "state_reaction" in series and REACTION in series.peaks:
+                    (at,) = np.flatnonzero(series["state_t"] == series.peaks[REACTION])
+                    run["reaction"] = series["state_reaction"][at].tolist()
+                if np.any(chosen):
+                    every = np.all(chosen) and len(chosen) == len(series["t"])
+                    run["states"] = "every step" if every else "some steps"
+                    states = (series[f"state_{key}"][chosen] for key in ("t", *STATE))
+                    yield f"runs/{record.run_id}.npy", _write_states(_energy_of_states(series)[chosen], *states)
+                if lossless:
+                    run["arrays"], content = _pack(_rows(series))
+                    yield f"series/{record.run_id}.npy", content
         runs.append(run)
     yield "runs.json", _json(runs)
     for name, known in sorted(exact_of.items()):
         if known.at:
             yield f"references/{name}.npy", known.matrix()
         yield f"problems/{name}.json", _json(known.about)
+
+
+@contextlib.contextmanager
+def _whole_series(record: RunRecord) -> Iterator[None]:
+    """FileError that names the run where its series holds arrays of other types or shapes than a run leaves."""
+    try:
+        yield
+    except FileError:
+        raise
+    except (ValueError, TypeError, IndexError, KeyError, OverflowError):
+        raise FileError(f"the series of run {record.run_id} are not whole: run it again") from None
 
 
 def _check_arrays(record: RunRecord, series: Series) -> None:

@@ -187,8 +187,9 @@ def _read(
         arrays, envelopes = unpack(arrays) if head.schema == BRIEF else (arrays, {})
         _check_lengths(arrays)
         _check_content(arrays, {*arrays, *envelopes})
-    except ValueError as error:
-        raise FileError(f"not a whole series file of schema {PLAIN} or {BRIEF}: {error}") from None
+    except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:  # arrays of other types and shapes
+        why = " ".join(str(error).split())
+        raise FileError(f"not a whole series file of schema {PLAIN} or {BRIEF}: {why}") from None
     return head, arrays, envelopes
 
 
