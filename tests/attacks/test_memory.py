@@ -7,8 +7,8 @@ import math
 import mmap
 import os
 import signal
+import tempfile
 import time
-from multiprocessing.shared_memory import SharedMemory
 
 import pytest
 
@@ -74,9 +74,10 @@ def share_named():
     """As shm_open(3): a file in memory, gone by its name at once."""
     held = []
     for _ in range(PIECES):
-        one = SharedMemory(create=True, size=PIECE)
-        one.unlink()
-        fill(one.buf)
+        with tempfile.TemporaryFile(dir="/dev/shm") as file:
+            file.truncate(PIECE)
+            one = mmap.mmap(file.fileno(), PIECE)
+        fill(one)
         held.append(one)
     time.sleep(30.0)
 

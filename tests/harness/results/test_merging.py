@@ -6,7 +6,7 @@ import json
 import pytest
 
 from mbsbench.harness.files import FileError
-from mbsbench.harness.results import environment, store
+from mbsbench.harness.results import environment, stamps, store
 from mbsbench.harness.results.merging import find_codes, merge
 
 from ..conftest import TIMED, run_in
@@ -64,7 +64,7 @@ def test_contradictions_and_damage_are_reported(tmp_path, whole):
     other = store.create(tmp_path / "b")
     stamp = json.loads((whole / "environment.json").read_text(encoding="utf-8"))
     stamp["blas"][0]["architecture"] = "Nehalem"  # that no test runs with
-    (other / "environment.json").write_text(json.dumps(stamp))
+    (other / "environment.json").write_text(json.dumps(stamps.seal(stamp, {})))
     store.write_record(other, dataclasses.replace(first, series="", phi_max=9.0))
     (other / "runs" / f"{others[0].run_id}.json").write_text("{")
     done = merge(tmp_path / "out", [whole, other])
