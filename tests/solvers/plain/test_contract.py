@@ -3,12 +3,15 @@
 A failure names method, joint or force, and the quantity that differs with both numbers.
 """
 
+import re
+
 import numpy as np
 import pytest
 
 from mbsbench import Problem, StepControl, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.joints import KINDS as ALL_KINDS
+from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.types import Status
 from mbsbench.solvers.plain.mechanics import Mechanism
 
@@ -173,3 +176,10 @@ def test_rates_of_wrenches_are_those_of_the_wrenches(kind):
     phi_dot = (ends[1].phi - ends[0].phi) / (2.0 * h)
     holonomic = here.phi != 0.0
     assert np.max(np.abs((here.phi_dot - phi_dot)[holonomic]), initial=0.0) < 1e-8
+
+
+def test_the_page_on_methods_shows_each_file_as_it_is():
+    """Included by name, so that text and code cannot part."""
+    page = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
+    methods = {p.name for p in (ROOT / "solvers" / "plain").glob("*.py") if "def integrate" in p.read_text("utf-8")}
+    assert len(methods) >= 5 and methods == set(re.findall(r'^--8<-- "solvers/plain/(\w+\.py)"$', page, re.MULTILINE))
