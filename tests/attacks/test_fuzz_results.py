@@ -79,7 +79,8 @@ def change_array(a, random):
     b = a.astype(float).copy()
     where = tuple(int(random.integers(n)) for n in b.shape)
     ways = (
-        lambda: b.astype("U16"), lambda: b[..., :0], lambda: b[::-1], lambda: b.astype(np.float16), lambda: b * 0.0,
+        lambda: b.astype("U16"), lambda: b.ravel()[:0],
+        lambda: np.flip(b), lambda: b.astype(np.float16), lambda: b * 0.0,
         lambda: b.astype(complex), lambda: np.concatenate([b.ravel(), b.ravel()]), lambda: np.array(1.0),
         lambda: put(b, where, random.choice([np.nan, np.inf, -np.inf, 5e-324, -1e308, 1e308])),
     )  # fmt: skip
