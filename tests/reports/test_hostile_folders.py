@@ -198,6 +198,7 @@ ELSEWHERE = {
     "cli/judge.py": ("mkdir", "the folder of published verdicts, that the user named"),
     "cli/report.py": ("mkdir", "the folder of a comparison, that the user named"),
     "cli/arguments.py": ("is_dir open unlink", "the folder of a file that the user named"),
+    "cli/show.py": ("glob iterdir", "lists the names of folders beside the one that the user named, and of their runs"),
     "harness/execution/cluster.py": ("is_file", "a scheduler file that the user named"),
     "harness/execution/costs.py": ("mkdir read_text write_text", "our own table, and what is kept in our cache"),
     "harness/execution/eta.py": ("glob is_symlink stat", "lists results/local"),
