@@ -3,7 +3,7 @@
 import argparse
 
 from ..harness.execution.runner import new_folder
-from ..harness.ladder.bundling import read_entry, write_bundle
+from ..harness.ladder.bundling import read_entry, require_checker, write_bundle
 from ..harness.ladder.closing import TRIAL
 from ..harness.ladder.instances import KINDS, STEPS
 from ..harness.ladder.ranking import rank_entries
@@ -25,6 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.digest:
         print_json({"digest": submission.digest}) if arguments.json else console().print(submission.digest)
         return 0
+    require_checker()
     trial = arguments.value == TRIAL
     out = writable_file(arguments.out or f"{submission.name}.zip")
     if not submission.fenced:
@@ -48,5 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         })  # fmt: skip
     else:
         marks = "; trial" * trial + "; not fenced" * (not row.fenced)
+        if row.forged:
+            console().print(f"{out}: removed: {row.forged[0]}")
         console().print(f"{out}: {row.points} points, {row.solved} of {row.instances} solved, {row.false} false{marks}")
     return 0 if row.solved and not row.false and not row.forged else 1

@@ -4,6 +4,7 @@ Nothing is written beside installed modules: that folder may be shared or read-o
 from caches, so each is a folder of this user that no other may write to, and not a link; else it is not used.
 """
 
+import contextlib
 import os
 import stat
 import sys
@@ -60,8 +61,8 @@ def cache_folder(name: str, in_checkout: Path) -> Path:
     else:
         if not why:
             return folder
-        if sys.stderr is not None:
-            sys.stderr.write(f"warning: the cache {why}: it is not used; remove it\n")
+        with contextlib.suppress(OSError, AttributeError):  # a full or closed stream
+            sys.stderr.write(f"warning: the cache {why}: it is not used; remove it: rm -r {folder}\n")
     private = _private_folder()
     os.environ[CHOSEN] = str(private)
     _make_private(private / name, private)

@@ -13,7 +13,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, tolerance_of
+from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, refuse_unused, run_plainly
 from .formulations.methods.alpha import alpha_steps
 from .plain import generalized_alpha
 
@@ -32,10 +32,14 @@ class AlIndex3(ClosedMarch):
     code: str = code_option(*WITH_PLAIN)
     order: ClassVar[float] = 2.0
 
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Weights that plain steps do not have, and what all refuse."""
+        return refuse_unused(self, "regularisation") or super().refuses(problem, control)
+
     def _method(self, problem: Problem, control: StepControl) -> Method:
         method = alpha_steps(problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True)
         return replace(method, code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
-        tolerance, _ = tolerance_of(self.tolerance, problem)
-        return generalized_alpha.integrate(problem, control, tolerance, beta=0.25, gamma=0.5, projected=True)
+        scheme = {"beta": 0.25, "gamma": 0.5, "projected": True}
+        return run_plainly(generalized_alpha.integrate, problem, control, self.tolerance, **scheme)

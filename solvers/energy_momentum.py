@@ -14,7 +14,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import Marched, Method, code_option, tolerance_of
+from .formulations.compiled.host import Marched, Method, code_option, run_plainly
 from .formulations.methods.energy_momentum import mean_value_steps
 from .formulations.refusals import without_gradient
 from .plain import energy_momentum
@@ -39,4 +39,4 @@ class EnergyMomentum(Marched):
         return mean_value_steps(problem, self.tolerance, self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
-        return energy_momentum.integrate(problem, control, tolerance_of(self.tolerance, problem)[0])
+        return run_plainly(energy_momentum.integrate, problem, control, self.tolerance)

@@ -17,6 +17,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.clock import cpu_seconds
 from ..harness.code_meter import making_code
 from ..harness.types import Problem, Status, StepControl, Trajectory
+from .formulations.compiled.host import refuse_unused
 from .formulations.methods.choices import GaugeChoices
 from .formulations.methods.gc_weak_form import integrate_weak_form
 from .formulations.methods.passages import passages
@@ -71,7 +72,7 @@ class GcAugmentedLagrangian(GaugeChoices):
             return "the nested loop is not the simplified method's: use code = kernel"
         if self.code == "plain" and (self.loop != "nested" or self.correct_pose != "never"):
             return "plain steps are those of Sect. 4.3: set loop = nested and correct_pose = never"
-        return self.refuses_choice(problem, control)
+        return refuse_unused(self, "soft_penalty", "singular_turn") or self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, tolerance_of
+from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, run_plainly
 from .formulations.methods.alpha import alpha_steps
 from .plain import generalized_alpha
 
@@ -48,5 +48,4 @@ class GeneralizedAlpha(ClosedMarch):
         return replace(alpha_steps(problem, self.tolerance, **self._scheme), code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
-        tolerance, _ = tolerance_of(self.tolerance, problem)
-        return generalized_alpha.integrate(problem, control, tolerance, **self._scheme)
+        return run_plainly(generalized_alpha.integrate, problem, control, self.tolerance, **self._scheme)

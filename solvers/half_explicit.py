@@ -13,7 +13,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, Marched, Method, code_option
+from .formulations.compiled.host import WITH_PLAIN, Marched, Method, code_option, refuse_unused
 from .formulations.methods.half_explicit import half_explicit_steps
 from .plain import half_explicit
 
@@ -29,6 +29,10 @@ class HalfExplicit(Marched):
     code: str = code_option(*WITH_PLAIN)
 
     order: ClassVar[float] = 4.0
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """The tolerance of an iteration that plain steps do not have, and what all refuse."""
+        return refuse_unused(self, "tolerance") or super().refuses(problem, control)
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         method = half_explicit_steps(self.tolerance)

@@ -12,7 +12,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, tolerance_of
+from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, run_plainly
 from .formulations.methods.compositions import COMPOSITIONS
 from .formulations.methods.rattle import symplectic_steps
 from .plain import rattle
@@ -34,4 +34,4 @@ class LieVariational(ClosedMarch):
         return replace(method, code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
-        return rattle.integrate(problem, control, tolerance_of(self.tolerance, problem)[0], discrete=True)
+        return run_plainly(rattle.integrate, problem, control, self.tolerance, discrete=True)

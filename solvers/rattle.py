@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, tolerance_of
+from .formulations.compiled.host import WITH_PLAIN, ClosedMarch, Method, code_option, run_plainly
 from .formulations.methods.compositions import COMPOSITIONS, RATE
 from .formulations.methods.rattle import symplectic_steps
 from .plain import rattle
@@ -46,4 +46,4 @@ class Rattle(ClosedMarch):
         return replace(method, code=self.code)
 
     def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
-        return rattle.integrate(problem, control, tolerance_of(self.tolerance, problem)[0])
+        return run_plainly(rattle.integrate, problem, control, self.tolerance)

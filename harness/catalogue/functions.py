@@ -208,7 +208,7 @@ def _march(
     except (StepFailed, InconsistentStart, ArithmeticError) as error:  # of a motion that has gone astray
         status, message = Status.DIVERGED, str(error) or type(error).__name__
     except np.linalg.LinAlgError as error:
-        redundant = describe_redundant_rows(problem)
+        redundant = describe_redundant_rows(problem) if "ingular" in str(error) else ""
         status, message = Status.DIVERGED, f"{error}{redundant and f': {redundant}'}"
     if status is not Status.SUCCESS:
         message = f"stopped at t = {times[-1]:.6g} s: {message}"

@@ -87,7 +87,7 @@ def run_stages(
     """
     begun = _cpu_seconds()
     specs = plan_runs(solver, wall=min(20.0, budget / 6.0))
-    stages, done, long = plan_stages(solver, specs), list[RunSpec](), False
+    stages, done, long, on_tree = plan_stages(solver, specs), list[RunSpec](), False, False
     while stages and (not done or _cpu_seconds() - begun < budget):
         resume = bool(done)
         done += stages.pop(0)
@@ -95,7 +95,8 @@ def run_stages(
         if records is None:
             break
         presented = [r for r in records if r.label == "symmetries" and r.solver == solver]
-        if presented and all(r.status == Status.REFUSED for r in presented):  # redundant rows: something without any
+        if not on_tree and presented and all(r.status == Status.REFUSED for r in presented):  # of redundant rows
+            on_tree = True
             stages.insert(0, plan_symmetries(solver, "random_mechanism", TREE, wall=min(20.0, budget / 6.0)))
             specs += stages[0]
         if not long and any(s.label == "symmetries" for s in done):

@@ -12,9 +12,8 @@ from pathlib import Path
 from ..places import Place
 from ..results.provisional import files_of
 from ..results.records import RunRecord, to_json
-from ..results.store import Unreadable
+from ..results.store import BEGUN, Unreadable
 
-NAME = ".begun"
 LARGEST = 2**26  # [bytes] of a list: a million runs
 WHY = "no runner let this run begin, or it ended with another record: something else wrote its record"
 
@@ -23,7 +22,7 @@ class Begun:
     """The list of one runner."""
 
     def __init__(self, folder: Path) -> None:
-        self.place = Place(folder) / NAME
+        self.place = Place(folder) / BEGUN
 
     def read(self) -> set[str] | None:
         """Return the runs on the list that a killed runner left; None where there is no list."""
@@ -37,6 +36,8 @@ class Begun:
         """Note that a run begins; a disk that is full costs the note alone."""
         with contextlib.suppress(OSError), self.place.open_file(os.O_WRONLY | os.O_APPEND) as file:
             file.write(f"{run_id}\n".encode())
+            file.flush()
+            os.fsync(file.fileno())
 
     def end(self) -> None:
         """Remove the list."""

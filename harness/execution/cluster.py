@@ -189,8 +189,11 @@ def _here() -> tuple[str, bytes]:
 def _store(job: Job, files: Mapping[str, bytes]) -> str:
     """Write what a worker sent, the record last; return the digest of that."""
     for name in sorted(files, key=lambda n: n.startswith("runs/")):
+        place = Place(job.folder) / name
+        if name.startswith("environment.") and place.is_there():  # of a machine like ours: the runner's own, sealed
+            continue
         try:
-            (Place(job.folder) / name).write(files[name])
+            place.write(files[name])
         except OSError as e:  # ours, not the cluster's
             raise PoolError(f"cannot write to {job.folder}: {e.strerror or e}; finished runs are kept") from None
     name = f"{job.id}.json"

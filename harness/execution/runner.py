@@ -250,6 +250,6 @@ def _stamp(request: Request) -> tuple[str, dict[str, str]]:
     where = environment.identity(stamp)
     text = json.dumps(stamp, indent=1)
     written = {own.name: text, f"environment.{where}.json": text, **suites}
-    for name, content in written.items():
+    for name, content in reversed(written.items()):  # the stamp last: it has the digests of the others
         (here / name).write(content)
     return where, written

@@ -11,6 +11,7 @@ from ..types import Problem
 from .columns import Quantities
 from .conventions import CHOICES, Reading
 from .reading import Motion, Origin, read_motion
+from .rows import begin_at_start
 
 OFF = 1e-2  # [rad], or of the largest angular velocity: closer motions are read as they are meant
 BETTER = 1e-2  # of what the reading asked for is off
@@ -33,7 +34,7 @@ def suggest_reading(problem: Problem, found: Quantities, how: Reading, motion: M
     before = _measure_off(motion, exact.R, exact.Omega, rows)
     if not before > OFF:
         return []
-    tried = [(_measure_off(read_motion(found, other), exact.R, exact.Omega, rows), words)
+    tried = [(_measure_off(begin_at_start(problem, read_motion(found, other)), exact.R, exact.Omega, rows), words)
              for words, other in _list_others(found, how)]  # fmt: skip
     after, words = min(tried, default=(np.inf, ""))
     if not after < BETTER * before:

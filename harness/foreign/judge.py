@@ -81,9 +81,10 @@ def judge_file(
     job = Job(spec, folder or Path(), REFEREED, _digest_file(table, given))
     record, m = judge_motion(job, problem, trajectory)
     record, m = judge_again(record, m, known, unsure), known.blank_undetermined(m)
-    check_left_out(problem, path, record)
     if hints := suggest_reading(problem, found, given.reading, motion):
         record = dataclasses.replace(record, notes=json.dumps([*json.loads(record.notes), *hints]))
+    else:
+        check_left_out(problem, path, record)
     errors, drifts = (_drop_undetermined(x, known) for x in (record.observable_errors, record.invariant_drifts))
     record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
     if folder is None:
@@ -96,6 +97,7 @@ def judge_file(
     place = f"series/{job.id}.npz"
     digest = write_series(Place(folder) / place, series)
     record = dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
+    store.admit(folder, record.run_id)
     store.write_record(folder, record)
     return record
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from ..cache import ROOT
+from ..cache import ROOT, cache_folder
 from ..catalogue import registry
 from ..code_meter import CODE_LIMIT
 from ..execution import handover, worker
@@ -35,7 +35,11 @@ ANSWERS = (
     "results",
     ".git",
 )  # of the package: what knows the motion
-HIDDEN = tuple(ROOT.resolve() / name for name in ANSWERS)
+ELSEWHERE = (
+    cache_folder("references", ROOT / "results" / "local"),
+    Path("results"),
+)  # kept references, and results of commands that were called from here
+HIDDEN = (*(ROOT.resolve() / name for name in ANSWERS), *(place.resolve() for place in ELSEWHERE))
 
 
 @dataclass(frozen=True)

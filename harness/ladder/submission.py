@@ -25,7 +25,7 @@ from ..execution.measuring import Outcome, judge_handover
 from ..execution.presenting import bring_home
 from ..execution.run import Send, store_outcome
 from ..execution.worker import SOFT
-from ..files import FileError, write_text
+from ..files import FileError
 from ..machine import THREADS
 from ..places import Place, read_whole
 from ..reference import orbit
@@ -137,7 +137,7 @@ def run_submission(
         with Blind() as own:
             return run_submission(submission, seed, folder, kinds=kinds, steps=steps, repeats=repeats, blind=own)
     store.create(folder)
-    write_text(folder / "suite.toml", _describe(submission, seed))
+    (Place(folder) / "suite.toml").write(_describe(submission, seed))
     values = STEPS[submission.control] if steps is None else steps
     jobs = [
         _job(submission, instance, value, folder.resolve())

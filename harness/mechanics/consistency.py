@@ -58,7 +58,7 @@ def _describe_gap(system: MultibodySystem, s: States, joint: int, row: int) -> s
     own = axis.row[axis.joint == joint][:2]
     if len(own) < 2 or row not in own:  # a third row is the turn about the axis, a single one an angle of 90 deg
         return ""
-    return f": its axes differ by {np.degrees(np.arcsin(min(float(np.linalg.norm(phi[own])), 1.0))):.4g} deg"
+    return f": its axes, as lines, differ by {np.degrees(np.arcsin(min(float(np.linalg.norm(phi[own])), 1.0))):.4g} deg"
 
 
 def project(system: MultibodySystem, state: State, iterations: int = 20) -> State:

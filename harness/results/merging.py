@@ -49,6 +49,7 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
                     continue
                 for file in filter(None, (record.series, record.stderr)):
                     _copy(source, file, out)
+                store.admit(out, record.run_id)
                 store.write_record(out, record)
                 kept[record.run_id], origin[record.run_id] = record, source
                 added += 1

@@ -5,6 +5,7 @@ Nobody is kept from writing new digests, too: what is found is damage, and chang
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from .records import RunRecord, to_json
 
 NAME = "environment.json"
 SEAL, FILES = "sha256", "files_sha256"  # keys: the digest of all others, and those of the files beside it
+BESIDE = re.compile(r"[\w-]+\.toml")
 LARGEST = 2**22  # [bytes] of a stamp or a suite
 
 
@@ -39,7 +41,11 @@ def find_changed(folder: Path) -> Iterator[tuple[Path, str]]:
     if _digest_stamp(stamp) != stamp[SEAL]:
         yield place.path, "its digest does not match: it was changed after its suite was run"
         return
-    for name, digest in stamp[FILES].items():
+    files = stamp.get(FILES)
+    if not isinstance(files, dict) or not all(map(BESIDE.fullmatch, files)):
+        yield place.path, f"{FILES} must be a table of digests by names of suites (got {str(files)[:40]})"
+        return
+    for name, digest in files.items():
         beside = Place(folder) / name
         if beside.kind() == "a file" and beside.size() <= LARGEST and _digest(beside.read(LARGEST)) != digest:
             yield beside.path, f"not as {NAME} says: it was changed after it was run"

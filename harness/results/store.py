@@ -32,9 +32,10 @@ LARGEST = 2**22  # [bytes] of a record's file: a hundred times the longest
 NATIVE = 2**20  # [bytes] of a standard error, which runs leave trimmed
 LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
+BEGUN = ".begun"  # runs that a runner let begin (``execution.begun``)
 LOCK = ".lock"  # held by the one command that makes runs
 OTHERS = (
-    LOCK, ".spool", ".begun", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "shadows.json",
+    LOCK, ".spool", BEGUN, "environment.json", "judgement", "report", "runs.parquet", "set_aside", "shadows.json",
     "suite.toml",
 )  # fmt: skip
 IN_PART = {part: re.compile(rf"{part}/[\w-][\w.-]*") for part in ("series", "stderr")}
@@ -184,6 +185,14 @@ def record_in(name: str, text: bytes) -> RunRecord:
         if (place := getattr(record, column)) and not IN_PART[column].fullmatch(place):
             raise FileError(f"column {column} must be a file in {column}/ (got {place[:80]!r})")
     return record
+
+
+def admit(folder: Path, run_id: str) -> None:
+    """Note a record that a command adds to a folder whose runner was killed: else ``--resume`` sets it aside."""
+    listed = Place(folder) / BEGUN
+    if listed.is_there():
+        with contextlib.suppress(OSError), listed.open_file(os.O_WRONLY | os.O_APPEND) as file:
+            file.write(f"{run_id}\n".encode())
 
 
 def native_of(folder: Path, record: RunRecord) -> str:

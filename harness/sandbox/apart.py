@@ -98,7 +98,7 @@ class Apart:
         self.limit, self.used = limit, dict[int, float]()  # [s], by process
         self.deadline = time.monotonic() + (SLACK * limit if wall is None else wall)
         self.over: Limit = ""
-        self._next = self._killed_at = self._used = self._tree = 0.0
+        self._next = self._killed_at = self._used = self._tree = self._seen = 0.0
         self.killed = self.suspended = self.begun = False
         self._looked = time.monotonic()
         self.closed_at = 0.0  # when it closed its pipe: it is about to end
@@ -178,7 +178,10 @@ class Apart:
         if math.isfinite(self.memory):
             tree = (*descendants(self.root), *((self.pid,) if self.above == "itself" else ()))
             if megabytes_at_most(tree) > self.memory:
-                self._tree = max(self._tree, megabytes(tree))
+                seen = megabytes(tree)
+                if min(seen, self._seen) > self.memory:  # twice: what is shared counts more than once while one ends
+                    self._tree = max(self._tree, seen)
+                self._seen = seen
 
     def wait(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
         """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too.

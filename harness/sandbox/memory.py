@@ -24,13 +24,15 @@ def megabytes_at_most(processes: Iterable[int]) -> float:
 
 
 def megabytes(processes: Iterable[int]) -> float:
-    """Memory [MB] of all of them that no file holds, each page once; a process that cannot be looked at has none."""
+    """Memory [MB] of all of them that no file holds, each page once; of one that hides its pages all count."""
     total = 0.0
     for pid in processes:
-        with contextlib.suppress(OSError):
-            for line in Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines():
-                if line.startswith(KEPT):
-                    total += int(line.split()[1]) * KILO
+        try:
+            lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
+        except OSError:  # gone, or shut by prctl(PR_SET_DUMPABLE)
+            total += _pages(pid)[0] * PAGE
+        else:
+            total += sum(int(line.split()[1]) * KILO for line in lines if line.startswith(KEPT))
     return total
 
 

@@ -25,10 +25,16 @@ def march(problem: Problem, control: StepControl, step: Any, most_cuts: int = 0)
         todo = [(t_end - whole * dt, 0), *todo]
     while todo and ended[0] is Status.SUCCESS:
         h, level = todo.pop()
-        with np.errstate(all="ignore"):  # overflow on the way to a step that is cut
-            made = step(h, node, carried)
+        try:
+            with np.errstate(all="ignore"):  # overflow on the way to a step that is cut
+                made = step(h, node, carried)
+        except np.linalg.LinAlgError:  # of numbers that are not finite
+            made = None
+        if made is not None and not np.all(np.isfinite(made[0].v)):
+            made = None
         if made is None and level == most_cuts:
-            ended = Status.STEP_UNDERFLOW, f"the iteration does not converge with the step cut {most_cuts} times"
+            cut = f", cut {most_cuts} times," if most_cuts else ""
+            ended = Status.STEP_UNDERFLOW, f"a step of this size{cut} does not come to an end"
         elif made is None:
             cuts, todo = cuts + 1, [*todo, (0.5 * h, level + 1), (0.5 * h, level + 1)]
         else:

@@ -12,15 +12,17 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import casadi
 import numba
 import pytest
 
+from mbsbench.harness.cache import ROOT
 from mbsbench.harness.ladder import calls, fence
 from mbsbench.harness.ladder.blind import shut_in
+from mbsbench.harness.reference import orbit
 from mbsbench.harness.sandbox import apart
 from mbsbench.harness.sandbox.apart import Apart
 
@@ -125,6 +127,10 @@ ATTACKS: dict[str, Callable[[Targets], object]] = {
     "writing": lambda t: t.file.write_text("here"),
     "truncating": lambda t: os.truncate(t.file, 0),
     "a file beside its folder": lambda t: t.file.with_name("new").touch(),
+    "reading a problem": lambda t: (ROOT / "problems" / "heavy_top.py").read_bytes(),
+    "reading how references are made": lambda t: (ROOT / "harness" / "reference" / "orbit.py").read_bytes(),
+    "reading published results": lambda t: (ROOT / "results" / "published" / "claims.json").read_bytes(),
+    "listing kept references": lambda t: os.listdir(orbit.FOLDER),
     "affinity": lambda t: os.sched_setaffinity(t.process, {min(os.sched_getaffinity(0))}),
     "priority": lambda t: os.setpriority(os.PRIO_PROCESS, t.process, 10),
     "priority of a group": lambda t: os.setpriority(os.PRIO_PGRP, t.process, 10),
@@ -196,12 +202,37 @@ def attempt(tmp_path, attack, *, fenced=True, user=0):
     return kept == "True", how
 
 
+@pytest.mark.parametrize("what", ["chmod", "chown", "utime", "setxattr", "flags of an inode"])
+def test_attributes_of_its_own_files_stay_as_they_are(tmp_path, targets, what):
+    """In its own folder it writes files, and changes nothing else of them."""
+    own = tmp_path / "own" / "file"
+    kept, how = attempt(tmp_path, lambda: (own.write_text("x"), ATTACKS[what](replace(targets, file=own))))
+    if not kept:
+        pytest.skip("not fenced here")
+    assert how != "done"
+
+
+def system_can_fence():
+    """Asked of the system itself: a fence that says wrongly that it cannot hold would skip its own tests."""
+    try:
+        ctypes.CDLL("libseccomp.so.2")
+    except OSError:
+        return False
+
+    def work(send):
+        send(str(SYSTEM.unshare(fence.NEW_USERS_AND_IPC) == 0))
+
+    namespace = os.getuid() or Apart(work, limit=10.0, memory=500.0).wait().sent.strip() == "True"
+    return bool(namespace) and SYSTEM.syscall(fence.CREATE_RULESET, None, ctypes.c_size_t(0), 1) >= fence.SIGNALS
+
+
 @pytest.mark.parametrize("what", ATTACKS)
 def test_what_is_outside_is_out_of_reach(tmp_path, targets, what):
-    """The system refuses it; skipped where it says itself that it cannot keep a submission in."""
+    """The system refuses it; skipped where the system cannot keep a submission in."""
     kept, how = attempt(tmp_path, lambda: ATTACKS[what](targets))
-    if not kept:
+    if not kept and not system_can_fence():
         pytest.skip("this system cannot fence (landlock of Linux 6.12, libseccomp.so.2)")
+    assert kept
     assert how != "done", what
     assert "Error" in how
 

@@ -1,7 +1,7 @@
 """From a problem to a trajectory: the kernel, a method, its march in stretches, limits, spooling."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -55,6 +55,22 @@ def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]
     return rounding, (words,)
 
 
+def run_plainly(
+    integrate: Callable[..., Trajectory], problem: Problem, control: StepControl, asked: float, **more: Any
+) -> Trajectory:
+    """A run of ``solvers/plain`` with the tolerance of the compiled method, noted where it is not the one asked for."""
+    tolerance, notes = tolerance_of(asked, problem)
+    out = integrate(problem, control, tolerance, **more)
+    return replace(out, notes=(*out.notes, *notes))
+
+
+def refuse_unused(solver: Any, *names: str) -> str | None:
+    """Why a solver with plain code is refused whose options ``names``, which that does not read, were given."""
+    defaults = {f.name: f.default for f in fields(solver)}
+    given = [name for name in names if getattr(solver, name) != defaults[name]]
+    return f"plain steps do not read {', '.join(given)}: leave it out" if given and solver.code == "plain" else None
+
+
 WITH_PLAIN = ("kernel", "mechanism", "auto", "plain")
 
 
@@ -63,7 +79,7 @@ def code_option(*choices: str) -> Any:
     words = {
         "kernel": "the kernel's loops", "mechanism": "straight code made for the mechanism",
         "auto": "the kernel until making such code pays (at once where it is kept on disk)",
-        "plain": "none: plain NumPy, as the source prints it (solvers/plain), hundreds of times slower",
+        "plain": "none: plain NumPy, as the source prints it (solvers/plain), thousands of times slower",
     }  # fmt: skip
     chosen = choices or ("kernel", "mechanism", "auto")
     return option(

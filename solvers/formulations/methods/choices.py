@@ -13,7 +13,7 @@ from ....harness.mechanics.state import States
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.types import Problem, StepControl
 from ..compiled import mechanism
-from ..compiled.host import code_option
+from ..compiled.host import code_option, refuse_unused
 from ..compiled.kernel import empty_kernel
 
 CHOICES = ("a", "mass", "translation")  # of c_R
@@ -219,8 +219,9 @@ class GaugeChoices:
         if self.code == "kernel":
             return None
         if self.code == "plain":
-            lacks = "max_turn" if self.max_turn else "" if self.has_plain else "extrapolated or composed steps"
-            return f"plain steps know no {lacks}" if lacks else None
+            lacks = "" if self.has_plain else "plain steps know no extrapolation and no composition"
+            lacks = lacks or ("plain steps keep no Jacobian: set newton = exact" if self.newton == "kept" else "")
+            return lacks or refuse_unused(self, "max_turn")
         more = "max_turn" if self.max_turn else needs_more(self.settings(problem), problem.system)
         if more:
             return f"code for the mechanism is the simplified method's, which does not take {more}: use code = kernel"

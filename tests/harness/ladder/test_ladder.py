@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ import pytest
 from mbsbench.cli import submit
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.ladder import blind, submission
 from mbsbench.harness.ladder.bundling import Entry, read_entry
 from mbsbench.harness.ladder.instances import KINDS, WITHIN, digest_of, draw_instances
 from mbsbench.harness.ladder.ranking import OURS, mean_of, rank_entries
 from mbsbench.harness.ladder.submission import Refused, read_submission, run_submission
+from mbsbench.harness.places import Place
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.reports.ladder import write_page
 
@@ -117,3 +120,30 @@ def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
     plain = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(p["rank"], p["trial"]) for p in plain] == [(None, True)] * 2
     assert main(["ladder", str(tmp_path / "runs")]) == 2
+
+
+def test_all_is_solved_before_any_reference_is_computed(tmp_path, monkeypatch):
+    """Else a later run could read what an earlier one's measure left."""
+    order = []
+    monkeypatch.setattr(submission, "_solve", lambda *_: order.append("solve"))
+    monkeypatch.setattr(submission, "_measure_apart", lambda run: order.append("measure"))
+    made = submission.Submission("s", "dt", "", "a")
+    run_submission(made, "1", tmp_path / "run", kinds=SHORT, repeats=1, blind=object())
+    assert len(order) > 2 and order == sorted(order, reverse=True)
+
+
+def test_solved_is_a_thousandth_of_the_length():
+    """As trust.md says."""
+    rows = rank_entries([(entry("near", record(error=0.9e-3)), OURS), (entry("far", record(error=1.1e-3)), OURS)])
+    assert [(r.solver, r.points) for r in rows] == [("near", 1), ("far", 0)]
+
+
+def test_what_is_called_compilation_is_limited_for_submissions(tmp_path, monkeypatch):
+    """Of solvers of the catalogue it is left out."""
+    seen = []
+    monkeypatch.setattr(
+        blind, "Watched", lambda work, **k: seen.append(k["code"]) or SimpleNamespace(wait=lambda: None)
+    )
+    for plugin in ("a.py", ""):
+        blind._run(blind.Task(None, None, "s", plugin, tmp_path, Place(tmp_path) / "e", 20.0, 500.0))
+    assert seen == [0.0, blind.CODE_LIMIT]
