@@ -187,7 +187,8 @@ class Model:
         made_by = f"mujoco {self.mj.__version__}"
         if self.mj.__version__ == WRONG_IF_SPARSE and self.mj.mj_isSparse(self.model):
             made_by += ", whose accelerations can be wrong with sparse Jacobians, as here; 4.0.1 is right"
-        return held, *self._other_step, made_by
+        used = self.mj.mjtIntegrator(self.model.opt.integrator).name.removeprefix("mjINT_")
+        return held, f"integrator {used}", *self._other_step, made_by
 
 
 def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:

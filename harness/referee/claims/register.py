@@ -93,7 +93,7 @@ class Claim(Shape, frozen=True):
     caveats: tuple[Text, ...] = ()
     kind: Literal["result", "presentation"] = "result"
     starting: bool = False  # about starting: a run that took no step counts
-    summary: bool = False  # on a sentence of the abstract or the conclusions: shown first
+    summary: bool = False  # on what the abstract or the conclusions say: shown first
 
 
 @dataclass(frozen=True)

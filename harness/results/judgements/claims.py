@@ -193,7 +193,7 @@ class Claim(Shape, frozen=True):
     map: tuple[MapRow, ...]
     by_solver: dict[str, Finding] = msgspec.field(default_factory=dict)  # the first finding, where there are several
     control: Control | None = None
-    summary: bool = False  # on a sentence of the abstract or the conclusions
+    summary: bool = False  # on what the abstract or the conclusions say
 
     @property
     def findings(self) -> tuple[Finding, ...]:

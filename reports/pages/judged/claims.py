@@ -30,7 +30,7 @@ VERDICTS: Mapping[Verdict, Mark] = {
     Verdict.CANNOT_BE_TOLD: Mark("?", "cannot be told", "refused"),
 }
 LISTED = 40  # runs beside the map
-SUMMARY = "Abstract and conclusions"
+SUMMARY = "What abstract and conclusions say"
 
 
 def grids(rows: Sequence[MapRow], here: Mapping[str, Run]) -> list[dict[str, Any]]:

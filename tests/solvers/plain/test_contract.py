@@ -76,7 +76,7 @@ def compare(problem, solver, options, codes=("kernel",), steps=20):
 
 
 def compare_loads(problem, where, found, plain, allowed):
-    """Compare the loads A^T lam of the reactions, which redundant rows share by any rule, at each node that has them."""
+    """Compare the loads A^T lam of the reactions at each node: redundant rows share them by any rule."""
     A = [Mechanism(problem.system).rows(t, s.r, s.R, np.hstack((s.v, s.Omega))).A for t, s in steps_of(plain)]
     one, two = (np.array(list(map(load_of, A, x.reaction))) for x in (found, plain))
     known = np.flatnonzero(np.isfinite(one).all(axis=1) & np.isfinite(two).all(axis=1))
