@@ -211,6 +211,21 @@ def test_a_solver_that_refuses_redundant_rows_is_tried_on_a_tree(monkeypatch):
     assert len(independent_rows(system.system, system.initial)) == system.system.nrows
 
 
+@pytest.mark.parametrize("refused", [("four_bar_grid",), ("four_bar_grid", "random_mechanism")])
+def test_the_tree_is_tried_once(refused):
+    """Also where it is refused, too, and where a long run comes between."""
+
+    def run_stage(specs, rest, resume):
+        assert len(specs) < 1000
+        ran = {"steps": 10, "cpu_median_s": 1e-3, "t_reached_s": 1.0}
+        return [RunRecord(solver=s.solver, label=s.label, problem=s.problem, rtol=s.control.rtol or math.nan, **ran,
+                          status="refused" if s.problem in refused else "success") for s in specs]  # fmt: skip
+
+    specs = assessment.run_stages("rattle", 1e9, run_stage)
+    assert len(specs) == len({s.settings_id for s in specs})
+    assert sum(s.problem == "random_mechanism" and s.label == "symmetries" for s in specs) > 4
+
+
 def test_reactions_are_none_only_where_a_run_could_return_them():
     """Without a run, or without a successful one, nothing is known of them."""
 

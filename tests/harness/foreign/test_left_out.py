@@ -39,6 +39,11 @@ def test_a_motion_under_actuators_is_not_judged(tmp_path, more):
         np.savetxt(motions[name], rows, fmt="%.12g", delimiter=",", header=f"t,x,y,z,{names}", comments="")
     given = FileSettings("other", Reading())
     assert judge_file(problem, motions["passive"], given, None).status == "success"
+    rows = np.loadtxt(motions["passive"], delimiter=",", skiprows=1)
+    rows[100:, 1] += 0.05 * np.linspace(0.0, 1.0, len(rows) - 100)  # the hip opens, which no servo does
+    motions["open"] = tmp_path / "open.csv"
+    np.savetxt(motions["open"], rows, fmt="%.12g", delimiter=",", header=f"t,x,y,z,{names}", comments="")
+    assert judge_file(problem, motions["open"], given, None).status == "wrong"
     if more:
         with pytest.raises(FileError, match=r"not judged: .* not taken over: actuators \(1\), which may be why"):
             judge_file(problem, motions["driven"], given, None)

@@ -333,6 +333,8 @@ def test_the_reading_that_was_meant_is_named(tmp_path):
     angles = written(tmp_path / "angles.csv", with_angles(), "t,x,y,z,phi,theta,psi")
     (note,) = re.findall(r"with (--\S+ \S+) it would follow the exact motion", judge(angles, euler="zxz").notes)
     assert note == "--euler ZXZ"
+    late = written(tmp_path / "late.csv", with_angles()[1:], "t,x,y,z,phi,theta,psi")  # the start is put in front
+    assert "--euler ZXZ it would follow" in judge(late, euler="zxz").notes
     assert "would follow" not in judge(angles, euler="ZXZ").notes
     unequal = {"inertia_factors": (1.0, 2.0, 3.0), "omega": (0.3, 3.0, 0.2)}
     free = make_problem(
