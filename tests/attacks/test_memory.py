@@ -15,6 +15,7 @@ import pytest
 from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.sandbox import isolation
 from mbsbench.harness.sandbox.apart import Apart, Ended
+from mbsbench.harness.sandbox.memory import own_megabytes
 
 from ..harness.conftest import run_in
 
@@ -49,6 +50,11 @@ parameters = { t_end = 0.1 }
 """
 
 
+def count_pieces():
+    """As many as are more than the limit and all that a fork of this process begins with, of which half may count."""
+    return PIECES + math.ceil(own_megabytes() * MB / PIECE)
+
+
 def fill(buffer, size=PIECE):
     for at in range(0, size, mmap.PAGESIZE):
         buffer[at] = 1
@@ -56,7 +62,7 @@ def fill(buffer, size=PIECE):
 
 def in_children(target):
     """Fork one a piece, and wait until all are killed."""
-    for _ in range(PIECES):
+    for _ in range(count_pieces()):
         if os.fork() == 0:
             target()
             os._exit(0)
@@ -64,7 +70,7 @@ def in_children(target):
 
 
 def share_anonymous():
-    held = [mmap.mmap(-1, PIECE) for _ in range(PIECES)]
+    held = [mmap.mmap(-1, PIECE) for _ in range(count_pieces())]
     for one in held:
         fill(one)
     time.sleep(30.0)
@@ -73,7 +79,7 @@ def share_anonymous():
 def share_named():
     """As shm_open(3): a file in memory, gone by its name at once."""
     held = []
-    for _ in range(PIECES):
+    for _ in range(count_pieces()):
         with tempfile.TemporaryFile(dir="/dev/shm") as file:
             file.truncate(PIECE)
             one = mmap.mmap(file.fileno(), PIECE)
@@ -84,7 +90,7 @@ def share_named():
 
 def share_unnamed():
     held = []
-    for _ in range(PIECES):
+    for _ in range(count_pieces()):
         file = os.memfd_create("mbsbench")
         os.ftruncate(file, PIECE)
         one = mmap.mmap(file, PIECE)
