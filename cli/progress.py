@@ -53,6 +53,7 @@ class Watch:
         self.compiling = False  # and not mentioned yet
         self.worst = (0.0, "")
         self.left = 0  # runs not started because of total_limit
+        self.set_aside: tuple[Unreadable, ...] = ()  # before any run began
 
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         self.total, self.before = total, total - len(waiting)
@@ -67,6 +68,7 @@ class Watch:
             where = f"; results in {folder}" if self.resumable else ""
             time_needed = describe_time(expected) if self.here else ""
             announce(f"{plural(total, 'run')}{kept}{time_needed}{where}", self.console)
+        self.set_aside = unreadable
         for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
             self._say(line)
         self.tick()

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ..harness.execution.begun import WHY as FOREIGN
 from ..harness.execution.costs import expect
 from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Executor, Request, last_folder, list_waiting, new_folder
@@ -15,13 +16,13 @@ from ..harness.suites.suite import load_suite
 from .arguments import UsageError, count_jobs, load_plugins
 from .keeping import series_to_keep
 from .progress import describe_time, run_watched, warn_of_own_bits
-from .terminal import console, error_console, number, plural, print_json
+from .terminal import console, error_console, list_unreadable, number, plural, print_json
 
 LISTED = 8  # solvers with a key that they do not take
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run; 0 whatever the statuses are (failures are results), 1 if a limit left runs out."""
+    """Run; 0 whatever the statuses are, 1 if a limit left runs out or something else wrote records."""
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
@@ -50,6 +51,9 @@ def run(arguments: argparse.Namespace) -> int:
     pool, here = choose_executor(arguments.cluster), arguments.cluster is None
     loaded, watcher = run_watched(request, quiet=arguments.json, pool=pool, here=here)
     watcher.finish(request.folder, loaded)
+    late = [item for item in loaded.unreadable if item.why == FOREIGN and item not in watcher.set_aside]
+    for line in list_unreadable("set aside", [(item.path.name, item.why) for item in late]):
+        error_console().print(line)
     failures = _time(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []
     if arguments.json:
         counted = Counter(r.status for r in loaded.records)
@@ -59,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_json({**plain, "not_begun": watcher.left, "worst_drift": drift, "not_combined": not_combined})
     elif suite.not_combined:
         console().print(describe_not_combined(suite.not_combined))
-    return 1 if watcher.left or failures else 0
+    return 1 if watcher.left or failures or late else 0
 
 
 def _explain(request: Request, *, as_json: bool) -> int:

@@ -174,3 +174,11 @@ def test_a_shared_cache_does_not_run_planted_code(tmp_path):
     assert done.stderr.count("may be written to by others") == 1
     kept.parent.chmod(0o700)
     assert run().returncode == 0 and mark.exists()  # the control: this is where it would have been read
+
+
+def test_a_chosen_folder_may_be_as_tmp_is(wanted):
+    """Open to all and sticky: nobody can put another folder in the place of ours."""
+    folder, ask = wanted("chosen")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.parent.chmod(0o1777)
+    assert ask() == folder and mode_of(folder) == 0o700

@@ -175,12 +175,19 @@ def test_the_value_moves_every_instance():
     """An entry cannot know them before it is published."""
     digest = digest_of(b"a submission")
     one, other = draw_instances(digest, VALUE), draw_instances(digest, VALUE + "1")
-    assert all(x.parameters["rotation"] != y.parameters["rotation"] for x, y in zip(one, other, strict=True))
+    moved = ("rotation", "unit_length", "unit_mass", "unit_time", "renumber")
+    assert all(x.parameters[name] != y.parameters[name] for x, y in zip(one, other, strict=True) for name in moved)
+    mirrors = {x.parameters["mirror"] for k in range(40) for x in draw_instances(digest, f"{VALUE}{k}")}
+    assert len(mirrors) > 2  # none among them
 
 
-def test_unfenced_is_marked(made, ranked):
-    """On the page and in JSON: these runs were not said to be fenced."""
+def test_unfenced_is_marked(made, ranked, capsys):
+    """On the page, in the table and in JSON: these runs were not said to be fenced; and so is a trial."""
     content = made[1]["7"].read_bytes()
     _, rows, folder = ranked(one=lambda p: p.write_bytes(content))
     assert rows["one.zip"]["fenced"] is False
-    assert "not fenced" in (folder / "index.html").read_text(encoding="utf-8")
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert "not fenced" in page
+    capsys.readouterr()
+    main(["ladder", str(folder)])
+    assert "not fenced" in capsys.readouterr().out

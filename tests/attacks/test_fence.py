@@ -109,6 +109,14 @@ def twice(x: float) -> float:
     return 2.0 * x
 
 
+def read_a_kept_reference(t: Targets) -> bytes:
+    """Any of them."""
+    kept = next((p for p in orbit.FOLDER.iterdir() if p.is_file()), None)
+    if kept is None:
+        raise OSError("none is kept here")
+    return kept.read_bytes()
+
+
 ATTACKS: dict[str, Callable[[Targets], object]] = {
     "TCP": connect(socket.SOCK_STREAM, 0),
     "MPTCP": connect(socket.SOCK_STREAM, MPTCP),
@@ -130,7 +138,7 @@ ATTACKS: dict[str, Callable[[Targets], object]] = {
     "reading a problem": lambda t: (ROOT / "problems" / "heavy_top.py").read_bytes(),
     "reading how references are made": lambda t: (ROOT / "harness" / "reference" / "orbit.py").read_bytes(),
     "reading published results": lambda t: (ROOT / "results" / "published" / "claims.json").read_bytes(),
-    "listing kept references": lambda t: os.listdir(orbit.FOLDER),
+    "reading kept references": read_a_kept_reference,
     "affinity": lambda t: os.sched_setaffinity(t.process, {min(os.sched_getaffinity(0))}),
     "priority": lambda t: os.setpriority(os.PRIO_PROCESS, t.process, 10),
     "priority of a group": lambda t: os.setpriority(os.PRIO_PGRP, t.process, 10),
@@ -296,4 +304,15 @@ def test_without_libseccomp_it_is_not_fenced(tmp_path, monkeypatch):
 def test_without_landlock_it_is_not_fenced(tmp_path, monkeypatch):
     """A system call that no kernel has in its place."""
     monkeypatch.setattr(fence, "CREATE_RULESET", 9999)
+    assert not attempt(tmp_path, lambda: None)[0]
+
+
+def test_a_fence_that_lacks_a_part_says_so(tmp_path, monkeypatch):
+    """No namespace for root, or a Landlock that does not keep signals in: what runs then is marked not fenced."""
+    if not os.getuid():
+        with monkeypatch.context() as patch:
+            patch.setattr(fence, "_leave_memory_behind", lambda: False)
+            assert not attempt(tmp_path, lambda: None)[0]
+        (tmp_path / "own").rmdir()
+    monkeypatch.setattr(fence, "SIGNALS", 99)
     assert not attempt(tmp_path, lambda: None)[0]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.begun import Begun
 from mbsbench.harness.execution.runner import Request, _jobs
 from mbsbench.harness.results import environment, store
@@ -122,3 +123,27 @@ def test_a_record_that_another_solver_changes_is_no_result(tmp_path, monkeypatch
     monkeypatch.setenv(FORGED, "{}")
     again, watcher = run_in(folder, text, 1, plugins=PLUGINS, resume=True)
     assert len(watcher.ran) == 2 and "success" in {r.status for r in again.records}
+
+
+def test_a_record_of_an_earlier_command_that_changes_is_no_result(tmp_path, monkeypatch):
+    """It was there when the command began; what stands there at its end is another."""
+    text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["exact", "forges_records"]')
+    folder = tmp_path / "run"
+    run_in(folder, text.replace(', "forges_records"', ""), 1, plugins=PLUGINS)
+    files, _ = forge(folder, text)
+    monkeypatch.setenv(FORGED, json.dumps({path: files[path] for path in list(files)[:1]}))
+    with pytest.raises(RuntimeError, match="not as they were written"):
+        run_in(folder, text, 1, plugins=PLUGINS, resume=True)
+
+
+def test_records_of_other_runs_are_said_at_the_end(tmp_path, monkeypatch, capsys):
+    """Of the rest of a suite, which this command did not ask for: set aside, named, exit code 1."""
+    monkeypatch.chdir(tmp_path)
+    text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["forges_records", "exact"]')
+    (tmp_path / "suite.toml").write_text(text)
+    files, _ = forge(tmp_path / "run", text)
+    monkeypatch.setenv(FORGED, json.dumps({path: files[path] for path in list(files)[1:]}))
+    plugins = [word for path in PLUGINS for word in ("--plugin", str(path))]
+    assert main(["run", "suite.toml", "--limit", "1", "--jobs", "1", "--out", "run", *plugins]) == 1
+    assert "something else wrote its record" in " ".join(capsys.readouterr().err.split())
+    assert len(list((tmp_path / "run" / "runs").glob("*.json"))) == 1

@@ -7,6 +7,10 @@ import pytest
 
 from mbsbench.cli.commands import add_commands
 from mbsbench.cli.parser import top_parser
+from mbsbench.harness.code_meter import CODE_LIMIT
+from mbsbench.harness.execution.contract import EXPLAINED
+from mbsbench.harness.execution.handover import HIDDEN
+from mbsbench.harness.ladder.ranking import TARGET
 from mbsbench.harness.results.environment import ROOT
 
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -65,3 +69,10 @@ def test_the_readme_shows_the_solver_of_its_page():
 def test_every_room_of_the_harness_says_what_it_is_for():
     rooms = list((ROOT / "harness").glob("*/__init__.py"))
     assert rooms and not [p for p in rooms if not p.read_text(encoding="utf-8").startswith('"""')]
+
+
+def test_the_page_on_trust_has_the_numbers_of_the_code():
+    """What a report may hide, what may be called compilation, how near is solved."""
+    page = " ".join((ROOT / "docs" / "trust.md").read_text(encoding="utf-8").split())
+    assert f"up to {CODE_LIMIT:g} s of it compilation" in page and f"solved to {TARGET:.1%} of the length" in page
+    assert (HIDDEN, EXPLAINED) == (1.0, 0.5) and "by up to one second or half of it" in page

@@ -5,6 +5,7 @@ Each of these was followed once: 66 files of another folder were overwritten, an
 
 import ast
 import os
+import socket
 from pathlib import Path
 
 import pytest
@@ -81,6 +82,27 @@ def test_a_link_in_a_results_folder_is_refused(folders, capsys, place, command):
     before = content(outside), content(folders / "A")
     refused(COMMANDS[command], capsys, f"A/{place}")
     assert (content(outside), content(folders / "A")) == before
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("kind", ["pipe", "socket"])
+def test_what_is_no_file_is_refused(folders, capsys, command, kind):
+    """In place of the stamp, which all read or write: one line."""
+    (folders / "A" / "environment.json").unlink()
+    if kind == "pipe":
+        os.mkfifo("A/environment.json")
+    else:
+        socket.socket(socket.AF_UNIX).bind("A/environment.json")
+    assert main([*COMMANDS[command]]) == 2
+    assert f"it is a {kind}" in " ".join(capsys.readouterr().err.split())
+
+
+def test_more_than_asked_for_is_not_read(tmp_path):
+    """Its size is looked at before it is read."""
+    (tmp_path / "x").touch()
+    os.truncate(tmp_path / "x", 11)
+    with pytest.raises(OSError, match="more than 10"):
+        (Place(tmp_path) / "x").read(10)
 
 
 @pytest.mark.parametrize("place", IN_REPORT)
