@@ -79,6 +79,9 @@ def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(tmp_pa
     until = time.monotonic() + 60.0
     while len(list(folder.glob("runs/*.json"))) < len(files) and time.monotonic() < until:
         time.sleep(0.05)
+    while any(p.stat().st_size < 1000 for p in folder.glob("runs/*.json")):  # until the last one is whole
+        time.sleep(0.05)
+    time.sleep(0.2)
     process.send_signal(signal.SIGINT if how == "interrupted" else signal.SIGKILL)
     out, _ = process.communicate(timeout=60)
     assert process.returncode != 0 and "4 success" not in out
