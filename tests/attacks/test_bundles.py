@@ -59,16 +59,16 @@ def test_every_change_that_a_bundle_decides_is_found(bases, tmp_path, part):
 
 
 def test_thinned_successes_without_a_state_are_counted_and_refused_where_all_is_owed(bundles, tmp_path):
-    """A bundle may call itself thinned: with --complete, as the ladder asks, that is no excuse."""
+    """A bundle may call itself thinned: of all that is no excuse; with --complete, as the ladder asks, of none."""
     files = dict(bundles["thin"])
     runs = [run | {"states": "none", "problem": "", "peaks_s": {}} for run in json.loads(files["runs.json"])]
     parts = ("runs/", "problems/", "references/")
     files = {name: raw for name, raw in files.items() if not name.startswith(parts)}
     files["runs.json"] = json.dumps(runs).encode()
     code, text = judge(tmp_path / "b.zip", files)
-    assert code == 0 and "7 of 10 that claim success without a state" in text
+    assert code == 1 and "no state of any success" in text and "7 of 10 that claim success without a state" in text
     code, text = judge(tmp_path / "b.zip", files, complete=True)
-    assert code == 1 and text.count("evidence") == 7
+    assert code == 1 and text.count("evidence") == 8  # each, and all of them
 
 
 def test_no_words_of_a_bundle_reach_a_terminal_as_they_are(bases, tmp_path):

@@ -128,7 +128,7 @@ def test_an_open_joint_says_what_is_open() -> None:
     axis = (0.0, np.sin(0.3), np.cos(0.3))
     for joint, words in (
         (Joint(0, (-0.4, 0, 0)), r"its points are 0.1 m apart\)"),
-        (Joint(0, (-0.5, 0, 0), axis_i=(0, 0, 1), axis_j=axis), r"its axes differ by 17.19 deg\)"),
+        (Joint(0, (-0.5, 0, 0), axis_i=(0, 0, 1), axis_j=axis), r"its axes, as lines, differ by 17.19 deg\)"),
         (Joint(0, (-0.5, 0, 0), axis_i=(0, 0, 1), axis_j=(0, 0, 1)), None),
     ):
         system = assemble(body, [joint])
