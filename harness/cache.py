@@ -33,7 +33,7 @@ class Cache:
 
 def list_caches() -> tuple[Cache, ...]:
     """Every cache with its place and size, by name."""
-    folders = {name: _wanted(name, ROOT / place)[0] for name, place in sorted(IN_CHECKOUT.items())}
+    folders = {name: _choose_place(name, ROOT / place)[0] for name, place in sorted(IN_CHECKOUT.items())}
     return tuple(Cache(name, folder, _size_of(folder)) for name, folder in folders.items())
 
 
@@ -52,7 +52,7 @@ def cache_folder(name: str, in_checkout: Path) -> Path:
     Always ``name`` in ``$MBSBENCH_CACHE``, where that is set to an absolute path. It is made for this user alone. One
     that others may write to is named in a line, and a private one is used, by all that this process starts, too.
     """
-    folder, above = _wanted(name, in_checkout)
+    folder, above = _choose_place(name, in_checkout)
     try:
         why = _make_private(folder, above)
     except OSError:  # a full or read-only disk: nothing is kept
@@ -88,7 +88,7 @@ def _chosen() -> str:
     return chosen if os.path.isabs(chosen) else ""
 
 
-def _wanted(name: str, in_checkout: Path) -> tuple[Path, Path | None]:
+def _choose_place(name: str, in_checkout: Path) -> tuple[Path, Path | None]:
     """The folder, and the one above it where that holds caches alone; a checkout holds the code that uses them, too."""
     if chosen := _chosen():
         return Path(chosen) / name, Path(chosen)

@@ -18,19 +18,10 @@ from jaxtyping import Float
 from ...harness.mechanics import so3
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, StepControl, Trajectory
-from .march import march
+from .march import Node, begin, march
 from .mechanics import Mechanism, solve
 
 MOST_ITERATIONS = 60
-
-
-class Node(NamedTuple):
-    """One end of a step."""
-
-    t: float
-    r: Float[np.ndarray, "nb 3"]
-    R: Float[np.ndarray, "nb 3 3"]
-    v: Float[np.ndarray, "nb 6"]
 
 
 class Carried(NamedTuple):
@@ -50,8 +41,7 @@ class Step:
 
     def start(self, problem: Problem) -> tuple[Node, Carried, np.ndarray]:
         """The first node; the reaction there stands for the middles before it."""
-        s = problem.initial
-        node = Node(s.t, s.r, s.R, np.hstack((s.v, s.Omega)))
+        node = begin(problem)
         lam = self.mechanism.accelerate(*node)[1]
         return node, Carried(np.zeros_like(node.v), lam, lam), lam
 

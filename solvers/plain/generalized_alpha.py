@@ -16,19 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.types import Problem, StepControl, Trajectory
-from .march import march
+from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve
 
 MOST_ITERATIONS = 60
-
-
-class Node(NamedTuple):
-    """One end of a step."""
-
-    t: float
-    r: Float[np.ndarray, "nb 3"]
-    R: Float[np.ndarray, "nb 3 3"]
-    v: Float[np.ndarray, "nb 6"]
 
 
 class Carried(NamedTuple):
@@ -52,11 +43,12 @@ class Step:
     stabilised: bool = False
     projected: bool = False
 
+    def __post_init__(self) -> None:
+        self.mechanism, self.counters = Mechanism(self.problem.system), {"newton_iterations": 0}
+
     def start(self, problem: Problem) -> tuple[Node, Carried, np.ndarray]:
         """The first node with the accelerations of index 1."""
-        self.mechanism, self.counters = Mechanism(problem.system), {"newton_iterations": 0}
-        s = problem.initial
-        node = Node(s.t, s.r, s.R, np.hstack((s.v, s.Omega)))
+        node = begin(problem)
         vdot, lam = self.mechanism.accelerate(*node)
         return node, Carried(vdot, vdot, np.zeros_like(lam)), lam
 

@@ -8,13 +8,11 @@ With R = R_0 exp(theta) in a step (Munthe-Kaas 1999), stages i = 1 to 5, the six
 The end is projected: poses onto phi = 0, then velocities onto A v + phi_t = 0, both along M^-1 A^T.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Float
 
 from ...harness.types import Problem, StepControl, Trajectory
-from .march import march
+from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve
 
 STAGES, W = 5, np.sqrt(6.0)
@@ -29,15 +27,6 @@ A = np.array([
 C = A.sum(axis=1)
 
 
-class Node(NamedTuple):
-    """One end of a step."""
-
-    t: float
-    r: Float[np.ndarray, "nb 3"]
-    R: Float[np.ndarray, "nb 3 3"]
-    v: Float[np.ndarray, "nb 6"]
-
-
 class Step:
     """The steps of one problem."""
 
@@ -46,8 +35,7 @@ class Step:
 
     def start(self, problem: Problem) -> tuple[Node, None, np.ndarray]:
         """The first node and its reaction."""
-        s = problem.initial
-        node = Node(s.t, s.r, s.R, np.hstack((s.v, s.Omega)))
+        node = begin(problem)
         return node, None, self.mechanism.accelerate(*node)[1]
 
     def __call__(self, h: float, x: Node, carried: None) -> tuple[Node, None, np.ndarray] | None:

@@ -1,14 +1,30 @@
 """Fixed steps from the start to the end of a problem: a step that fails is done in two halves."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ...harness.code_meter import Stopwatch
 from ...harness.mechanics.state import States
 from ...harness.types import Problem, Status, StepControl, Trajectory
 
 ROUNDED = 1e-9  # of a step: what is left of the time then is no step
+
+
+class Node(NamedTuple):
+    """One end of a step: time [s], poses in space, and v = (r_dot [space], Omega [body]) of each body."""
+
+    t: float
+    r: Float[np.ndarray, "nb 3"]
+    R: Float[np.ndarray, "nb 3 3"]
+    v: Float[np.ndarray, "nb 6"]
+
+
+def begin(problem: Problem) -> Node:
+    """The start of a problem."""
+    s = problem.initial
+    return Node(s.t, s.r, s.R, np.hstack((s.v, s.Omega)))
 
 
 def march(problem: Problem, control: StepControl, step: Any, most_cuts: int = 0) -> Trajectory:

@@ -11,27 +11,15 @@ by exp(h L / J_3), the parts (1/J_i - 1/J_3) L_i^2 / 2 turn R by exp(z e_i) and 
 discrete free body of Moser and Veselov (1991) instead, which makes the step that of Lee, Leok, McClamroch (2007).
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Float
 
 from ...harness.mechanics import so3
 from ...harness.types import Problem, StepControl, Trajectory
-from .march import march
+from .march import Node, begin, march
 from .mechanics import Mechanism, solve
 
 MOST_ITERATIONS, DAMPER_PASSES = 60, 6
 EQUAL = 1e-14  # two principal inertias that are one, in parts of them
-
-
-class Node(NamedTuple):
-    """One end of a step."""
-
-    t: float
-    r: Float[np.ndarray, "nb 3"]
-    R: Float[np.ndarray, "nb 3 3"]
-    v: Float[np.ndarray, "nb 6"]
 
 
 class Step:
@@ -44,8 +32,7 @@ class Step:
 
     def start(self, problem: Problem) -> tuple[Node, None, np.ndarray]:
         """The first node and its reaction."""
-        s = problem.initial
-        node = Node(s.t, s.r, s.R, np.hstack((s.v, s.Omega)))
+        node = begin(problem)
         return node, None, self.mechanism.accelerate(*node)[1]
 
     def __call__(self, h: float, a: Node, carried: None) -> tuple[Node, None, np.ndarray] | None:
