@@ -1,7 +1,6 @@
 """The independent checker agrees with honest bundles, finds planted changes and refuses hostile files in one line."""
 
 import ast
-import hashlib
 import importlib.util
 import io
 import json
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 
 from mbsbench.cli.__main__ import main
+from tests.attacks.bundles import write
 from tests.harness.ladder.forgeries.bundles import change_states
 
 PROGRAM = Path(__file__).resolve().parents[2] / "checker" / "check_bundle.py"
@@ -51,16 +51,6 @@ def bundles(tmp_path_factory):
 def read(path):
     with zipfile.ZipFile(path) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
-
-
-def write(path, files):
-    """Write the files with a manifest that fits them."""
-    files = {name: raw for name, raw in files.items() if name != "manifest-sha256.txt"}
-    lines = [f"{hashlib.sha256(raw).hexdigest()}  {name}\n" for name, raw in files.items()]
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, raw in (files | {"manifest-sha256.txt": "".join(lines).encode()}).items():
-            archive.writestr(name, raw)
-    return path
 
 
 def check(path):
