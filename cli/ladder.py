@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from ..harness.catalogue.options import nearest
 from ..harness.files import parse_toml, read_text
 from ..harness.ladder.bundling import read_entry, require_checker
 from ..harness.ladder.closing import FILE, read_closing
@@ -20,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     files = sorted(folder.glob("*.zip"))
     if not files:
         raise UsageError(f"{folder} holds no bundle (*.zip); write one with mbsbench submit")
-    labels, closing = _read_labels(folder / LABEL_FILE), read_closing(folder)
+    labels, closing = _read_labels(folder / LABEL_FILE, [file.name for file in files]), read_closing(folder)
     read = [(read_entry(file, closing=closing), labels.get(file.name, INDEPENDENT)) for file in files]
     rows = rank_entries(read)
     from ..reports.ladder import write_page  # here: it takes a second to load
@@ -48,12 +49,14 @@ def _describe(r: Row, *, trial: bool) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _read_labels(path: Path) -> dict[str, str]:
-    """The label of each file; without the file, none."""
+def _read_labels(path: Path, bundles: list[str]) -> dict[str, str]:
+    """Return the label of each of the bundles that has one; without the file, none has."""
     if not path.exists():
         return {}
     labels = parse_toml(read_text(path, "labels"), LABEL_FILE)
     for name, label in labels.items():
+        if name not in bundles:
+            raise UsageError(f"{LABEL_FILE}: there is no bundle {name!r} in {path.parent}{nearest(name, bundles)}")
         if label not in LABELS:
             raise UsageError(f"{LABEL_FILE}: the label of {name} must be one of {', '.join(LABELS)} (got {label!r})")
     return labels

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import machine
+from ..files import FileError
 from ..places import Place
 from ..results import codes, environment
 from ..results.records import RunRecord
@@ -31,7 +32,7 @@ from ..results.store import PARTS, create, digest_of, read_record, record_in, wr
 from ..suites.spec import RunSpec
 from ..types import EndedBy
 from .job import Job, cut_short
-from .pool import TICK, PoolError, TimeLimit
+from .pool import TICK, PoolError, TimeLimit, Unbegun
 from .protocol import Done, Lost, News, Start, Stop, Supervised, Warm, Warmed
 from .warmup import runs_to_warm
 
@@ -49,6 +50,8 @@ class DaskPool:
     tick: Callable[[], None] = lambda: None
     on_warmup: Callable[[dict[str, float]], None] = lambda times: None
     _flying: dict[Any, Job] = field(default_factory=dict)
+    _unbegun: Unbegun = field(default_factory=Unbegun)
+    _foreign: list[str] = field(default_factory=list)
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
@@ -81,6 +84,11 @@ class DaskPool:
             raise PoolError(f"the cluster at {self.address} is gone: {error}; finished runs are kept") from None
         finally:
             client.close()
+        self._unbegun.check()
+        if self._foreign:
+            found = "; ".join(self._foreign[:5])
+            raise PoolError(f"files that are not of the run that wrote them were not taken: {found}; "
+                            "finished runs are kept, run again with --resume for the others")  # fmt: skip
 
     def _collect(self) -> None:
         import distributed
@@ -95,10 +103,16 @@ class DaskPool:
         for future in [f for f in self._flying if f.done()]:
             job = self._flying.pop(future)
             failed = future.exception()
-            if failed is None and not future.result():
-                continue
             if failed is None:
-                digest = _store(job, future.result())
+                sent: Sent = future.result()
+                if sent.foreign:
+                    self._foreign.append(f"{job.spec.case} wrote {', '.join(sent.foreign[:5])}")
+                if sent.unbegun:
+                    self._unbegun.add(sent.unbegun)
+                if not sent.files:
+                    continue
+                self._unbegun.in_a_row = 0
+                digest = _store(job, sent.files)
             elif isinstance(failed, distributed.KilledWorker):
                 digest = digest_of(write_lost(job))
             else:
@@ -150,11 +164,23 @@ def on_slurm(**options: Any) -> Any:
     return cluster
 
 
-def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
-    """On a worker: run the job and return its files by place in the folder; none if its run was stopped before."""
+@dataclass(frozen=True)
+class Sent:
+    """What a worker sends of a run: its files by place in the folder, none if it was stopped before or has no result.
+
+    ``unbegun`` says why it did not begin, ``foreign`` which files in its folder are not its own.
+    """
+
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    unbegun: str = ""
+    foreign: Sequence[str] = ()
+
+
+def run_run(text: str, ticket: str = "") -> Sent:
+    """On a worker: run the job and return what it left."""
     job = Job.from_json(text)
     if ticket in _stopped:
-        return {}
+        return Sent()
     here = codes.code_of(job.spec.problem, job.spec.solver, job.plugins)
     if here != job.code:
         raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
@@ -168,12 +194,24 @@ def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
             told = supervisor.run(local)
         finally:
             _serving[ticket].remove(supervisor)
-        own_files = {part: Place(local.folder) / part for part in PARTS}
-        for name in own_files["runs"].names():
-            if name != f"{job.id}.json" or digest_of(read_record(own_files["runs"] / name)) != told:
-                raise RuntimeError(f"something else than the run wrote the record {name}")
-        files = {f"{k}/{name}": (part / name).read(LARGEST) for k, part in own_files.items() for name in part.names()}
-        return {f"environment.{own}.json": stamp, **files}
+        if told.unbegun:
+            return Sent(unbegun=told.unbegun)
+        parts = {part: Place(local.folder) / part for part in PARTS}
+        places = {f"{part}/{name}": place / name for part, place in parts.items() for name in place.names()}
+        record = f"runs/{job.id}.json"
+        foreign = [n for n, place in places.items() if place.name.partition(".")[0] != job.id]
+        foreign += [n for n, place in places.items() if n == record and not _is_of(place, told)]
+        if record in foreign or record not in places:
+            return Sent(foreign=foreign)
+        files = {n: place.read(LARGEST) for n, place in places.items() if n not in foreign}
+        return Sent({f"environment.{own}.json": stamp, **files}, foreign=foreign)
+
+
+def _is_of(place: Place, told: Done) -> bool:
+    """Whether the record is the one of which the supervisor told."""
+    with contextlib.suppress(FileError):
+        return digest_of(read_record(place)) == told.sha256
+    return False
 
 
 @cache
@@ -208,8 +246,8 @@ class _Supervisor(Supervised):
         self.warm: list[RunSpec] = []
         self.news: list[News] = []
 
-    def run(self, job: Job) -> str:
-        """Return the digest of the run's record, once that is stored."""
+    def run(self, job: Job) -> Done:
+        """Return the news of the run's end: its record is stored, or it did not begin."""
         specs = [c for c in runs_to_warm([job.spec]) if c not in self.warm]
         self.send(Warm(specs, [job]))
         while not (isinstance(warmed := self._answer(), Warmed) and warmed.over):
@@ -218,9 +256,9 @@ class _Supervisor(Supervised):
         self.send(Start(job))
         while not isinstance(done := self._answer(), Done):
             pass
-        if done.error or done.unbegun:
-            raise RuntimeError(done.error or f"a run could not begin: {done.unbegun}")
-        return done.sha256
+        if done.error:
+            raise RuntimeError(done.error)
+        return done
 
     def _answer(self) -> News:
         while not self.news:

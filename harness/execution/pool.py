@@ -55,6 +55,28 @@ class TimeLimit:
 
 
 @dataclass
+class Unbegun:
+    """Runs that ended without a result, through no fault of their solvers, and why."""
+
+    words: list[str] = field(default_factory=list)
+    in_a_row: int = 0
+
+    def add(self, words: str) -> None:
+        """Note one; PoolError after as many in a row as say that no other would begin."""
+        self.words.append(words)
+        self.in_a_row += 1
+        if self.in_a_row >= MOST_UNBEGUN:
+            self.check()
+
+    def check(self) -> None:
+        """Raise PoolError where there are any."""
+        if self.words:
+            count, first = len(self.words), self.words[0]
+            raise PoolError(f"{count} run{'s' * (count > 1)} could not begin, which says nothing of their solvers: "
+                            f"{first}; run again with --resume")  # fmt: skip
+
+
+@dataclass
 class LocalPool:
     """Runs jobs, telling when each starts and ends; ``tick`` is called a few times a second."""
 
@@ -71,21 +93,13 @@ class LocalPool:
     _stopped: bool = False
     _code_seconds: float = 0.0
     _prepared: set[str] = field(default_factory=set)
-    _unbegun: list[str] = field(default_factory=list)  # why runs did not begin
-    _in_a_row: int = 0
+    _unbegun: Unbegun = field(default_factory=Unbegun)
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
         self._limit = limit
         self._run(list(jobs)[::-1], jobs)
-        self._check_unbegun()
-
-    def _check_unbegun(self, most: int = 1) -> None:
-        """PoolError where as many runs did not begin."""
-        if len(self._unbegun) >= most:
-            count, first = len(self._unbegun), self._unbegun[0]
-            raise PoolError(f"{count} run{'s' * (count > 1)} could not begin, which says nothing of their solvers: "
-                            f"{first}; run again with --resume")  # fmt: skip
+        self._unbegun.check()
 
     def _run(self, waiting: list[Job], jobs: Sequence[Job]) -> None:
         self._attempts = {job.id: 1 for job in jobs if job.alone}
@@ -170,10 +184,7 @@ class LocalPool:
         if news.error:
             raise PoolError(news.error)
         if news.unbegun:
-            self._unbegun.append(news.unbegun)
-            self._in_a_row += 1
-            if self._in_a_row >= MOST_UNBEGUN:
-                self._check_unbegun()
+            self._unbegun.add(news.unbegun)
             return
-        self._in_a_row = 0
+        self._unbegun.in_a_row = 0
         self.on_end(job, news.sha256)

@@ -108,16 +108,14 @@ class Supervised:
         self.reader = Reader(News)
 
     def send(self, order: Message) -> None:
-        """Lost if it is gone."""
+        """Send an order; to one that is gone nothing is sent, and ``receive`` says so once its last news is read."""
         assert self.process.stdin is not None
-        try:
+        with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write(line_of(order))
             self.process.stdin.flush()
-        except BrokenPipeError:
-            raise Lost(self.process.wait()) from None
 
     def receive(self, timeout: float | None = None) -> list[News]:
-        """News, none after ``timeout`` [s]; Lost if it is gone."""
+        """Return news, none after ``timeout`` [s]; raise Lost if it is gone and all its news is read."""
         assert self.process.stdout is not None
         ready, _, _ = select.select([self.process.stdout], [], [], timeout)
         if not ready:

@@ -21,6 +21,7 @@ from ..execution import handover, worker
 from ..execution.contract import raised_at
 from ..execution.handover import Handover, SolverReport
 from ..execution.presenting import present_problem
+from ..execution.run import Send
 from ..places import Place
 from ..sandbox.apart import Apart, Ended
 from ..sandbox.isolation import shut_out
@@ -28,6 +29,7 @@ from ..types import EndedBy, Problem, Solver, StepControl
 from .fence import keep_in_folder
 
 OUT = "outcome.npz"
+FENCED = "fenced"  # what a run's process sends once it is shut in
 ANSWERS = (
     "problems",
     "harness/reference",
@@ -82,10 +84,13 @@ class Watched(Apart):
         return super().look()
 
 
-def attempt(task: Task) -> None:
-    """Import the plugin, ask it, solve, and write the outcome; whatever is raised becomes one."""
+def attempt(task: Task, send: Send) -> None:
+    """Import the plugin, ask it, solve, and write the outcome; whatever is raised becomes one.
+
+    The first line sent says whether the fence holds: it is written before anything of the submission is there to write.
+    """
     made = list[Solver]()
-    shut_in(task.folder)
+    send(FENCED if shut_in(task.folder) else "")
     try:
         if task.plugin:
             registry.load_plugin(task.plugin)
@@ -102,9 +107,10 @@ def attempt(task: Task) -> None:
 def _run(task: Task) -> Ended:
     """Leave making code out of the limit for solvers of the catalogue alone: a submission's meter is its own word."""
     code = 0.0 if task.plugin else CODE_LIMIT
-    return Watched(
-        lambda send: attempt(task), limit=task.limit, memory=task.memory, stderr=task.stderr, code=code
+    ended = Watched(
+        lambda send: attempt(task, send), limit=task.limit, memory=task.memory, stderr=task.stderr, code=code
     ).wait()
+    return replace(ended, sent=ended.sent.partition("\n")[0])  # what follows is the submission's own
 
 
 def serve() -> None:
@@ -115,7 +121,7 @@ def serve() -> None:
     for line in sys.stdin:
         ended = _run(pickle.loads(Path(line.strip()).read_bytes()))
         Path(line.strip()).unlink()
-        os.write(answers, msgspec.json.encode(asdict(replace(ended, sent=""))) + b"\n")
+        os.write(answers, msgspec.json.encode(asdict(ended)) + b"\n")
 
 
 if __name__ == "__main__":

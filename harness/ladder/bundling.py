@@ -11,18 +11,20 @@ from pathlib import Path
 
 from ..bundle.archive import MANIFEST, write_archive
 from ..bundle.contents import list_contents
+from ..execution.run import Send
 from ..files import FileError, parse_json, parse_toml
 from ..places import open_whole
 from ..results import records, store
 from ..results.environment import ROOT
 from ..results.records import RunRecord
+from ..sandbox.apart import Apart
 from ..text import printable
 from ..types import Status
 from .closing import Closing
 from .instances import KINDS, STEPS, Instance, Kind, draw_instances
 
 CHECKER = ROOT / "checker" / "check_bundle.py"
-CHECK_LIMIT = 60.0  # [s] of wall time for the checker
+CHECK_LIMIT, CHECK_MEMORY = 60.0, 4000.0  # [s] of CPU time and [MB] for the checker
 ABOUT = ("submission", "digest", "seed")  # of its suite.toml
 CONTROL = {"dt": "dt_s", "rtol": "rtol"}  # columns of records
 LARGEST_BUNDLE = 2**30  # [bytes] of all its files
@@ -144,10 +146,15 @@ def check_bundle(path: Path) -> list[str]:
     """Where the independent checker disagrees with a bundle, which owes it the states of every success."""
     require_checker()
     line = (sys.executable, str(CHECKER), "--complete", str(path))
-    try:
-        done = subprocess.run(line, capture_output=True, text=True, timeout=CHECK_LIMIT, check=False)
-    except subprocess.TimeoutExpired:
-        return ["the checker did not end"]
-    lines = (done.stdout or done.stderr).strip().splitlines()
+
+    def check(send: Send) -> None:
+        done = subprocess.run(line, capture_output=True, text=True, check=False)
+        send(json.dumps([done.returncode, (done.stdout or done.stderr)]))
+
+    ended = Apart(check, limit=CHECK_LIMIT, memory=CHECK_MEMORY).wait()
+    code, said = json.loads(ended.sent) if ended.sent else (ended.code, "")
+    if code < 0 or not ended.sent:
+        return [f"the checker {replace(ended, code=code).describe_limit(CHECK_LIMIT, CHECK_MEMORY) or ended.words}"]
+    lines = said.strip().splitlines()
     differing = [line for line in lines[1:] if not line.startswith(" ")][:5]  # the first line counts, indented ones add
-    return [] if done.returncode == 0 else differing or lines or ["it disagrees"]
+    return [] if code == 0 else differing or lines or ["it disagrees"]

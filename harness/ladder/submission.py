@@ -36,7 +36,7 @@ from ..sandbox.apart import SLACK, Apart, Ended
 from ..sandbox.isolation import trim
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Problem, StepControl
-from .blind import OUT, Task, hide_problem, shut_in
+from .blind import FENCED, OUT, Task, hide_problem, shut_in
 from .instances import KINDS, STEPS, Instance, Kind, digest_of, draw_instances
 
 CPU_LIMIT = 20.0  # [s] of a run: import included, and making code but for solvers of the catalogue
@@ -137,7 +137,6 @@ def run_submission(
         with Blind() as own:
             return run_submission(submission, seed, folder, kinds=kinds, steps=steps, repeats=repeats, blind=own)
     store.create(folder)
-    (Place(folder) / "suite.toml").write(_describe(submission, seed))
     values = STEPS[submission.control] if steps is None else steps
     jobs = [
         _job(submission, instance, value, folder.resolve())
@@ -147,13 +146,15 @@ def run_submission(
     for job in jobs:
         job.stderr.parent.make()
     runs = [_Run(job, [_solve(blind, submission, job) for _ in range(repeats)]) for job in jobs]
+    fenced = submission.fenced and all(ended.sent == FENCED for run in runs for ended in run.ended)
+    (Place(folder) / "suite.toml").write(_describe(submission, seed, fenced=fenced))
     return [_measure_apart(run) for run in runs]
 
 
-def _describe(submission: Submission, seed: str) -> str:
+def _describe(submission: Submission, seed: str, *, fenced: bool) -> str:
     about = {
         "name": "ladder", "submission": submission.name, "digest": submission.digest, "seed": seed,
-        "fenced": submission.fenced,
+        "fenced": fenced,
     }  # fmt: skip
     return "".join(f"{key} = {json.dumps(value)}\n" for key, value in about.items())
 

@@ -6,6 +6,7 @@ import os
 import shutil
 import struct
 import zipfile
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -17,6 +18,7 @@ from mbsbench.harness.ladder import bundling
 from mbsbench.harness.ladder.closing import FILE, TRIAL
 from mbsbench.harness.ladder.instances import digest_of, draw_instances
 from mbsbench.harness.ladder.submission import Blind, Submission, run_submission
+from mbsbench.harness.results import records
 
 from ..harness.ladder.forgeries.bundles import members_of
 from ..harness.ladder.forgeries.forger import NAME
@@ -191,3 +193,27 @@ def test_unfenced_is_marked(made, ranked, capsys):
     capsys.readouterr()
     main(["ladder", str(folder)])
     assert "not fenced" in capsys.readouterr().out
+
+
+def test_a_bundle_that_differs_from_our_own_run_of_it_is_removed(made, tmp_path, monkeypatch, capsys):
+    """``labels.toml`` says which bundle is ours; a cost that is half of what we found is no cost."""
+    folder = tmp_path / "ladder"
+    folder.mkdir()
+    (folder / "ours.zip").write_bytes(made[1]["7"].read_bytes())
+    files = members_of(made[1]["7"])
+    changed = json.loads(files["records.json"])
+    for record in changed:
+        record["cpu_median_s"] = 0.1 * float(record["cpu_median_s"])
+    entry = bundling.read_entry(folder / "ours.zip", SHORT)
+    cheap = replace(entry, file="theirs.zip", records=tuple(records.from_json(json.dumps(r)) for r in changed))
+    (folder / "theirs.zip").write_bytes(made[1]["7"].read_bytes())
+    read = {"ours.zip": entry, "theirs.zip": cheap}
+    monkeypatch.setattr(ladder, "read_entry", lambda file, **_: read[file.name])
+    (folder / ladder.LABEL_FILE).write_text('"ours.zip" = "re-run by us"\n')
+    assert main(["ladder", str(folder)]) == 1
+    said = capsys.readouterr().out
+    assert "re-run by us" in said and "removed: " in said and "s of CPU when run again" in said
+    for text, words in (('"ours.zip" = "best"', "must be one of independent"), ('"our.zip" = "ours"', "our.zip")):
+        (folder / ladder.LABEL_FILE).write_text(text + "\n")
+        assert main(["ladder", str(folder)]) == 2
+        assert words in capsys.readouterr().err

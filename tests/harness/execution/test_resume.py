@@ -14,7 +14,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool, PoolError
-from mbsbench.harness.execution.protocol import Done, Lost, Supervised
+from mbsbench.harness.execution.protocol import Done, Lost, Start, Supervised
 from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.execution.runner import Request, last_folder, run_suite
 from mbsbench.harness.files import FileError, partial_of
@@ -128,6 +128,33 @@ def test_a_success_whose_news_is_lost_is_done_again(run_text, monkeypatch):
     monkeypatch.setattr(Supervised, "receive", losing)
     loaded, watcher = run_text(SLEEPS, jobs=1)
     assert lost and [r.status for r in loaded.records] == ["success"] * 3 and len(watcher.ran) == 3
+
+
+def test_what_a_supervisor_told_before_its_end_is_read_first(run_text, monkeypatch):
+    """It ends right after its news, unread when the next order goes out: the run that is done is not done again."""
+    send, starts = Supervised.send, []
+
+    def dying(self, order):
+        if isinstance(order, Start):
+            starts.append(order)
+            if len(starts) == 2:
+                told = b""
+                while b'"Done"' not in told:
+                    told += os.read(self.process.stdout.fileno(), 2**16)
+                self.process.kill()
+                self.process.wait()
+                out, back = os.pipe()
+                os.write(back, told)
+                os.close(back)
+                self.process.stdout = os.fdopen(out, "rb")
+        send(self, order)
+
+    monkeypatch.setattr(Supervised, "send", dying)
+    monkeypatch.setattr(LocalPool, "_is_room_for", lambda pool, job: len(pool._flying) < 2)
+    loaded, watcher = run_text(SLEEPS, jobs=2)
+    assert {r.status for r in loaded.records} == {"success"} and len(watcher.ran) == len(loaded.records)
+    begun = [order.job.id for order in starts]
+    assert begun.count(begun[0]) == 1 and begun.count(begun[1]) == 2
 
 
 def test_the_newest_run_is_of_this_suite(tmp_path):

@@ -1,7 +1,10 @@
 """Submissions are run on what nobody could prepare for, and ranked by what they solve, then by cost."""
 
 import dataclasses
+import itertools
 import json
+import tomllib
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -11,16 +14,19 @@ import pytest
 from mbsbench.cli import submit
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.ladder import blind, submission
+from mbsbench.harness.ladder import blind, bundling, submission
 from mbsbench.harness.ladder.bundling import Entry, read_entry
 from mbsbench.harness.ladder.instances import KINDS, WITHIN, digest_of, draw_instances
 from mbsbench.harness.ladder.ranking import OURS, mean_of, rank_entries
 from mbsbench.harness.ladder.submission import Refused, read_submission, run_submission
 from mbsbench.harness.places import Place
 from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.sandbox.apart import Ended
 from mbsbench.reports.ladder import write_page
 
 from .forgeries.test_submissions import SHORT, TEXT
+
+ENDED = Ended(0, killed=False, sent="", peak=1.0, cpu=1.0)
 
 
 def test_instances_follow_from_submission_and_seed_alone():
@@ -125,7 +131,7 @@ def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
 def test_all_is_solved_before_any_reference_is_computed(tmp_path, monkeypatch):
     """Else a later run could read what an earlier one's measure left."""
     order = []
-    monkeypatch.setattr(submission, "_solve", lambda *_: order.append("solve"))
+    monkeypatch.setattr(submission, "_solve", lambda *_: order.append("solve") or SimpleNamespace(sent=""))
     monkeypatch.setattr(submission, "_measure_apart", lambda run: order.append("measure"))
     made = submission.Submission("s", "dt", "", "a")
     run_submission(made, "1", tmp_path / "run", kinds=SHORT, repeats=1, blind=object())
@@ -142,8 +148,45 @@ def test_what_is_called_compilation_is_limited_for_submissions(tmp_path, monkeyp
     """Of solvers of the catalogue it is left out."""
     seen = []
     monkeypatch.setattr(
-        blind, "Watched", lambda work, **k: seen.append(k["code"]) or SimpleNamespace(wait=lambda: None)
+        blind, "Watched", lambda work, **k: seen.append(k["code"]) or SimpleNamespace(wait=lambda: ENDED)
     )
     for plugin in ("a.py", ""):
         blind._run(blind.Task(None, None, "s", plugin, tmp_path, Place(tmp_path) / "e", 20.0, 500.0))
     assert seen == [0.0, blind.CODE_LIMIT]
+
+
+@pytest.mark.parametrize("first", [[blind.FENCED] * 3, [blind.FENCED, "", blind.FENCED]])
+def test_one_run_without_a_fence_marks_the_entry(tmp_path, monkeypatch, first):
+    """Each run's process says whether it is shut in, not the one that looked at the file."""
+    said = itertools.cycle(first)
+    monkeypatch.setattr(submission, "_solve", lambda *_: replace(ENDED, sent=next(said)))
+    monkeypatch.setattr(submission, "_measure_apart", lambda run: None)
+    made = submission.Submission("s", "dt", "", "a", fenced=True)
+    run_submission(made, "1", tmp_path / "run", kinds=SHORT, repeats=1, blind=object())
+    about = tomllib.loads((tmp_path / "run" / "suite.toml").read_text())
+    assert about["fenced"] is ("" not in first)
+
+
+def test_what_a_submission_sends_says_nothing_of_its_fence(tmp_path, monkeypatch):
+    """Its lines come after the one that its process sent before there was a submission."""
+    loaded = []
+    monkeypatch.setattr(blind, "shut_in", lambda folder: loaded.append("shut in") or False)
+    send = lambda word: loaded.append(word)  # noqa: E731
+    task = blind.Task(None, None, "s", str(tmp_path / "none.py"), tmp_path, Place(tmp_path) / "e", 20.0, 5000.0)
+    monkeypatch.setattr(blind.registry, "load_plugin", lambda file: send(blind.FENCED))
+    blind.attempt(task, send)
+    assert loaded == ["shut in", "", blind.FENCED]
+    assert blind._run(task).sent == ""
+
+
+def test_the_checker_has_cpu_time_and_no_other_clock(tmp_path, monkeypatch):
+    """A checker that waits is given all the time that a busy machine takes; one that works without end is ended."""
+    program = tmp_path / "checker.py"
+    monkeypatch.setattr(bundling, "CHECKER", program)
+    monkeypatch.setattr(bundling, "CHECK_LIMIT", 1.0)
+    program.write_text("import time\ntime.sleep(3.0)\nprint('0 of 9 disagree')\n")
+    assert bundling.check_bundle(tmp_path / "b.zip") == []
+    program.write_text("while True: pass\n")
+    assert bundling.check_bundle(tmp_path / "b.zip") == ["the checker timed out after 1 s"]
+    program.write_text("print('1 of 9 disagrees')\nprint('a line')\nraise SystemExit(1)\n")
+    assert bundling.check_bundle(tmp_path / "b.zip") == ["a line"]
