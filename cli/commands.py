@@ -48,7 +48,8 @@ def add_commands(commands: Any) -> None:
     for add in (
         _add_list, _add_solve, _add_run, _add_show, _add_report, _add_check, _add_try, _add_advise, _add_ensemble,
         _add_fuzz, _add_referee, _add_shadow, _add_export, _add_judge, _add_claim, _add_gate, _add_verify, _add_diff,
-        _add_merge, _add_bundle, _add_clean, _add_submit, _add_ladder, _add_history, _add_figures, _add_completion,
+        _add_merge, _add_bundle, _add_remeasure, _add_clean, _add_submit, _add_ladder, _add_history, _add_figures,
+        _add_completion,
     ):  # fmt: skip
         add(commands)
 
@@ -336,6 +337,17 @@ def _add_bundle(commands: Any) -> None:
     add_file(p, "-o", "--out", words="file to write, as docs/bundle.md says", metavar="B.zip", required=True)
     lossless = "every step, solved again where the results lack it, not only the states that decide on the status"
     p.add_argument("--lossless", action="store_true", help=lossless)
+    add_plugin(p, "plugin that the results were made with")
+    add_jobs(p)
+
+
+def _add_remeasure(commands: Any) -> None:
+    words = (
+        "measure finished runs again by the laws of this code: solved again they must have the same bits; costs stay; "
+        "exit code 1 if a run is left as it was"
+    )
+    p = subcommand(commands, "remeasure", words, "one object")
+    add_results(p)
     add_plugin(p, "plugin that the results were made with")
     add_jobs(p)
 

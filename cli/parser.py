@@ -10,7 +10,7 @@ GROUPS = {  # of commands, in the order of --help
     "run": "solve run advise ensemble",
     "look": "list show report figures history",
     "put yours in": "check try fuzz referee shadow export submit ladder",
-    "judge": "judge claim gate",
+    "judge": "judge claim gate remeasure",
     "keep results": "verify diff merge bundle clean",
     "set up": "completion",
 }

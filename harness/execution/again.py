@@ -50,7 +50,7 @@ def solve_again(
     """
     for record in records:
         _check_origin(folder, record, plugins)
-    specs = {r.run_id: _limit_steps(rebuild_spec(r), r) for r in records}
+    specs = {r.run_id: limit_steps(rebuild_spec(r), r) for r in records}
     different = {s.settings_id: s for s in specs.values()}
     suite = Suite("again", "finished runs solved again", tuple(different.values()), "", plugins)
     run(Request(suite, place, jobs, lossless=lossless))
@@ -87,8 +87,8 @@ def _read_stamp(folder: Path, record: RunRecord) -> Mapping[str, object]:
     return stamp_of(folder, name if (Place(folder) / name).is_own_file() else "environment.json")
 
 
-def _limit_steps(spec: RunSpec, record: RunRecord) -> RunSpec:
-    """As many steps as the run took, and time for them: a clock that ended it would end it elsewhere."""
+def limit_steps(spec: RunSpec, record: RunRecord) -> RunSpec:
+    """Allow as many steps as the run took, and time for them: a clock that ended it would end it elsewhere."""
     cut = record.t_reached_s < record.t_end_s and 0 < record.steps < spec.control.max_steps
     control = dataclasses.replace(spec.control, max_steps=record.steps) if cut and _by_clock(record) else spec.control
     limit = max(spec.cpu_limit, ENOUGH * record.cpu_process_s) if record.cpu_process_s > 0.0 else spec.cpu_limit

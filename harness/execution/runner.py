@@ -71,7 +71,7 @@ class Request:
     shard: tuple[int, int] = (1, 1)  # (k, n): of every n runs the k-th
     lossless: bool = False  # whether series keep the states of every step
     is_newest: bool = False  # whether ``latest`` points to it from now on: not to a folder that its caller chose
-    keep: Callable[[RunSpec], tuple[str, ...]] | None = None  # names of series whose rows brief files keep
+    keep: Callable[[RunSpec], tuple[str, ...] | None] | None = None  # names of series whose rows a brief file keeps
 
 
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:

@@ -1,0 +1,48 @@
+"""``remeasure``: finished runs measured again by the laws of this code."""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from ..harness.execution.again import name_run
+from ..harness.execution.remeasure import find_outdated, measure_again
+from ..harness.execution.runner import Request
+from ..harness.results import store
+from .arguments import UsageError, count_jobs, load_plugins
+from .progress import run_watched
+from .terminal import console, error_console, plural, print_json, print_unreadable
+
+NAMED = 20  # runs that are left as they are, in a list
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure what other code has measured; return 1 if a run is left as it was, else 0."""
+    folder, plugins = arguments.results, load_plugins(arguments.plugin)
+    loaded = store.load(folder)
+    records = store.newest(loaded.records)
+    if not records:
+        raise UsageError(f"{folder} holds no results")
+    outdated = find_outdated(records, plugins)
+
+    def solve(request: Request) -> None:
+        seconds = sum(r.cpu_process_s for r in outdated if r.cpu_process_s > 0.0)
+        words = f"{plural(len(request.suite.specs), 'run')} of {folder}, solved once each"
+        took = f"; all {len(outdated)} took {seconds:.2g} s of CPU time" if seconds else ""
+        error_console().print(f"measuring again: {words}{took}", highlight=False)
+        run_watched(request, quiet=arguments.json, resumable=False)
+
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        done = measure_again(folder, outdated, Path(place), count_jobs(arguments.jobs), solve, plugins)
+    same = len(records) - len(outdated)
+    if arguments.json:
+        left = {r.run_id: why for r, why in done.left}
+        print_json({"measured_again": len(done.records), "of_this_code": same, "left": left})
+        return 1 if left or loaded.unreadable else 0
+    out = console()
+    out.print(f"{plural(len(done.records), 'run')} measured again, {same} were of this code", highlight=False)
+    for record, why in done.left[:NAMED]:
+        out.print(f"left as it was: {name_run(record)}: {why}", highlight=False, soft_wrap=True)
+    if len(done.left) > NAMED:
+        out.print(f"and {len(done.left) - NAMED} more")
+    print_unreadable(loaded.unreadable, out)
+    return 1 if done.left or loaded.unreadable else 0

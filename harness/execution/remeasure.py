@@ -1,0 +1,157 @@
+"""Finished runs measured again by the laws of this code: their motions are solved once more and have the same bits.
+
+A law that changes asks for no new motion. What a run cost, how it ended, and on which machine stay as they were noted;
+a note of the record says so. A run whose steps have other bits now is left as it is: it is another motion.
+"""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..files import FileError
+from ..places import Place
+from ..results import codes, environment, store
+from ..results.provisional import files_of
+from ..results.records import RunRecord
+from ..results.series import LARGEST, MARKS, OTHER, POSES, Series, name_file
+from ..suites.includes import OWN_COPY
+from ..suites.spec import RunSpec
+from ..suites.suite import Suite, load_suite
+from ..types import Status
+from .again import limit_steps, rebuild_spec
+from .runner import Request
+
+KEPT = (
+    "suite", "label", "control", "dt_s", "rtol", "max_step_s", "max_steps", "cpu_limit_s", "wall_limit_s",
+    "memory_limit_MB", "settings_id", "case", "claimed", "ended_by", "ended_limit_s", "message", "exit_code", "signal",
+    "repeats", "cpu_min_s", "cpu_q1_s", "cpu_median_s", "cpu_q3_s", "cpu_max_s", "cpu_call_s", "setup_s", "code_s",
+    "cpu_import_s", "cpu_refuses_s", "cpu_process_s", "wall_s", "peak_memory_MB", "environment", "finished",
+)  # fmt: skip
+WHY = "its motion was measured again by later code"
+
+
+@dataclass
+class Remeasured:
+    """Which runs are of this code now, and why others are not."""
+
+    records: list[RunRecord] = field(default_factory=list)
+    left: list[tuple[RunRecord, str]] = field(default_factory=list)
+
+
+def find_outdated(records: Sequence[RunRecord], plugins: tuple[str, ...] = ()) -> list[RunRecord]:
+    """List the runs that other code has measured."""
+    return [r for r in records if r.code != codes.code_of(r.problem, r.solver, plugins)]
+
+
+def measure_again(
+    folder: Path, outdated: Sequence[RunRecord], place: Path, jobs: int, run: Callable[[Request], object],
+    plugins: tuple[str, ...] = (),
+) -> Remeasured:  # fmt: skip
+    """Solve the ``outdated`` runs of ``folder`` in the new folder ``place`` by ``run``, and put their measures there.
+
+    Plugins of the runs must be loaded. FileError where another command writes to the folder.
+    """
+    done = Remeasured()
+    with store.lock(folder):
+        asked = _list_asked(folder, plugins)
+        specs = dict[str, RunSpec]()
+        for record in outdated:
+            if record.series and not record.claimed:
+                done.left.append((record, "its process was ended before its solver returned: run its suite again"))
+                continue
+            try:
+                specs[record.run_id] = asked.get(record.settings_id) or rebuild_spec(record)
+            except ValueError as error:
+                done.left.append((record, str(error)))
+        series = {r.run_id: store.series_of(folder, r, poses=False) for r in outdated if r.run_id in specs}
+        for lossless in (False, True):
+            some = [r for r in outdated if r.run_id in specs and _is_lossless(r, series[r.run_id]) is lossless]
+            if not some:
+                continue
+            again = {r.run_id: _solve_once(specs[r.run_id], r) for r in some}
+            rows = {again[r.run_id].settings_id: _kept_rows(series[r.run_id]) for r in some}
+            different = tuple({s.settings_id: s for s in again.values()}.values())
+            suite = Suite("again", "finished runs solved again", different, "", plugins)
+            there = place / ("lossless" if lossless else "thinned")
+            run(Request(suite, there, jobs, lossless=lossless, keep=_look_up(rows)))
+            found = {r.settings_id: r for r in store.load(there, check_series=False).records}
+            for record in some:
+                new = found.get(again[record.run_id].settings_id)
+                if why := _find_difference(record, series[record.run_id], new, there):
+                    done.left.append((record, why))
+                elif new is not None:
+                    own = codes.code_of(record.problem, record.solver, plugins)
+                    done.records.append(_replace(folder, record, there, new, specs[record.run_id].address(own)))
+        store.write_table(folder, store.newest(store.load(folder, check_series=False).records))
+    return done
+
+
+def _look_up(rows: Mapping[str, tuple[str, ...] | None]) -> Callable[[RunSpec], tuple[str, ...] | None]:
+    return lambda spec: rows[spec.settings_id]
+
+
+def _list_asked(folder: Path, plugins: tuple[str, ...]) -> Mapping[str, RunSpec]:
+    """The runs of the suite that the folder keeps a copy of, with their limits, by ``settings_id``."""
+    copy = Place(folder) / f"{OWN_COPY}.toml"
+    if not copy.is_own_file():
+        return {}
+    try:
+        return {s.settings_id: s for s in load_suite(str(copy.path), plugins).specs}
+    except (FileError, ValueError):  # a suite of older words: each run is made from its own record
+        return {}
+
+
+def _solve_once(spec: RunSpec, record: RunRecord) -> RunSpec:
+    return dataclasses.replace(limit_steps(spec, record), repeats=1, min_time=0.0)
+
+
+def _is_lossless(record: RunRecord, series: Series | None) -> bool:
+    """Whether its file keeps the states of every step."""
+    return series is not None and not series.is_brief and len(series.arrays.get("state_t", ())) == record.steps + 1
+
+
+def _kept_rows(series: Series | None) -> tuple[str, ...] | None:
+    """The names of the series that its brief file keeps row by row; None for a file of every step."""
+    if series is None or not series.is_brief:
+        return None
+    whole = len(series["t"])
+    other = (*(f"{kind}_" for kind in POSES), *OTHER)
+    kept = sorted(k for k, a in series.arrays.items() if a.shape[:1] == (whole,) and not k.startswith(other))
+    return (*kept, *((MARKS,) if MARKS in series.arrays else ()))
+
+
+def _find_difference(record: RunRecord, series: Series | None, new: RunRecord | None, there: Path) -> str:
+    """Say why the run that was solved again is not the one of the record; empty where it is."""
+    if new is None:
+        return "it has no result when solved again"
+    again = store.series_of(there, new, poses=False)
+    if (series is None) != (again is None):
+        return f"it is {new.status} when solved again"
+    if series is not None and again is not None and series.steps_sha256 != again.steps_sha256:
+        return "its steps have other bits when solved again: it is another motion, run its suite again"
+    ended_alike = (record.claimed, record.status) == (new.claimed, new.status)
+    return "" if series is not None or ended_alike else f"it is {new.status} when solved again"
+
+
+def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_id: str) -> RunRecord:
+    """Put the measures of ``new`` in the place of those of ``record``; the files of that are set aside."""
+    judged = record.claimed == Status.SUCCESS
+    status: dict[str, Any] = {} if judged else {"status": record.status, "wrong_because": "[]"}
+    note = f"measured again by code {new.code}; solved and timed by code {record.code}"
+    files: dict[str, Any] = {"series": "", "stderr": ""}
+    if new.series:
+        files["series"] = name_file(run_id, brief=new.series.endswith(".xz"))
+        (Place(folder) / files["series"]).write((Place(there) / new.series).read(LARGEST))
+    if record.stderr:
+        files["stderr"] = f"stderr/{run_id}.txt"
+        (Place(folder) / files["stderr"]).write((Place(folder) / record.stderr).read(store.NATIVE))
+    found = dataclasses.replace(
+        new, **{name: getattr(record, name) for name in KEPT}, **status, **files, run_id=run_id,
+        notes=json.dumps([*json.loads(new.notes), note]), commit=environment.commit(),
+    )  # fmt: skip
+    store.write_record(folder, found)
+    store.set_aside(folder, files_of(folder, record, WHY))
+    return found
