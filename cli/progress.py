@@ -19,7 +19,7 @@ from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Executor, Request, run_suite
 from ..harness.results.records import RunRecord
 from ..harness.results.store import Loaded, Unreadable
-from ..harness.results.words import why
+from ..harness.results.words import comparison_words, why
 from ..harness.sandbox.isolation import describe_lacking
 from ..harness.suites.spec import RunSpec
 from ..harness.types import Status
@@ -92,6 +92,8 @@ class Watch:
         if record.status not in (Status.SUCCESS, Status.REFUSED):
             because = why(record)
             words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
+        elif record.status == Status.SUCCESS and (compared := comparison_words(record)):
+            words += f"  ({compared})"
         if record.missing_package and not self.announces:  # the command itself names what is not installed
             return
         count = f"[{self.before + self.done}/{self.total}]"

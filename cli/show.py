@@ -23,7 +23,15 @@ from ..harness.results.records import COLUMNS, RunRecord, reasons_of
 from ..harness.results.reproduce import write_command
 from ..harness.results.series import OTHER, POSES
 from ..harness.results.store import Unreadable
-from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
+from ..harness.results.words import (
+    error_until,
+    error_words,
+    judged_error,
+    status_words,
+    why,
+    words_of,
+    words_of_ending,
+)  # fmt: skip
 from ..harness.text import printable
 from ..harness.types import Status
 from .again import solved_again
@@ -71,7 +79,7 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
     out = table_console()
     ending = words_of_ending(record)
     out.print(Text(record.case, "bold"))
-    out.print(Text.assemble((record.status, status_style(record.status)), f": {ending}" if ending else ""))
+    out.print(Text.assemble((status_words(record), status_style(record.status)), f": {ending}" if ending else ""))
     for reason in reasons_of(record.wrong_because):
         out.print(Text(f"  because: {words_of(reason)}"))
     if error := error_words(record):

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..harness.catalogue import registry
 from ..harness.results.records import RunRecord
-from ..harness.results.words import accurate_until, error_words, why, words_of_ending
+from ..harness.results.words import accurate_until, error_words, status_words, why, words_of_ending
 from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import RunSpec, check_step, make_spec
@@ -130,7 +130,7 @@ def _jsonable(numbers: Mapping[str, Any]) -> dict[str, Any]:
 def summarize(r: RunRecord) -> list[str]:
     """A record on one screen."""
     said = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
-    out = [r.case, f"{'status':<18} {r.status}" + (f": {said}" if said else "")]
+    out = [r.case, f"{'status':<18} {status_words(r)}" + (f": {said}" if said else "")]
     if not math.isnan(r.t_reached_s):
         out.append(f"t reached          {r.t_reached_s:.9g} s of {r.t_end_s:g} s in {r.steps} steps")
     if not math.isnan(r.energy_drift_max_J):  # a file may hold positions alone

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from ..results.findings import Finding, Measured, Required, Verdict
 from ..results.records import RunRecord
 from ..results.store import newest
-from ..results.words import why
+from ..results.words import comparison_words, why
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Status
 from .thresholds import ERRORS, Expectation, Threshold, Thresholds, four_digits, propose_bounds
@@ -234,7 +234,7 @@ def _status(case: str, record: RunRecord | None, expected: Expectation | None, m
         return _finding(Verdict.FAILED, case, STATUS, missing)
     if record.status == wanted:
         verdict = Verdict.MET if wanted is Status.SUCCESS else Verdict.XFAIL
-        return _finding(verdict, case, STATUS, expected.reason if expected else "", str(wanted))
+        return _finding(verdict, case, STATUS, expected.reason if expected else comparison_words(record), str(wanted))
     words = f"{record.status}, expected {wanted}: {'; '.join(why(record))}"
     verdict = Verdict.XPASS if record.status == Status.SUCCESS else Verdict.FAILED
     return _finding(verdict, case, STATUS, words, str(wanted))

@@ -7,6 +7,7 @@ from ..text import printable
 from ..types import ACCURATE, EndedBy, Law, Reason, Status
 from .records import RunRecord, reasons_of
 
+WHOLE = 0.999  # of the time: a motion that was compared up to there was compared
 WORKERS = 3  # Dask gives a run up after it has lost that many
 LAWS = {
     Law.ENERGY: "the energy error", Law.MOTION: "the motion error", Law.POSITION: "the position error",
@@ -61,6 +62,20 @@ def error_words(record: RunRecord) -> str:
         return ""
     turned = "" if math.isnan(orientation) else f", {orientation:.3e} rad"
     return f"{position:.3e} m{turned} (to {error_until(record):.4g} s)"
+
+
+def comparison_words(record: RunRecord) -> str:
+    """``compared to 58.8 of 2000 s``, of a lawful motion whose end nothing was compared with; else empty."""
+    if record.status not in (Status.SUCCESS, Status.INACCURATE):
+        return ""
+    if math.isnan(end := error_until(record)):
+        return "compared with no exact motion"
+    return "" if end >= WHOLE * record.t_reached_s else f"compared to {end:.4g} of {record.t_reached_s:.4g} s"
+
+
+def status_words(record: RunRecord) -> str:
+    """The status, with how far its motion was compared where that is not to the end."""
+    return ", ".join(filter(None, (record.status, comparison_words(record))))
 
 
 def at_least(record: RunRecord, accurate_until: float) -> bool:

@@ -20,7 +20,7 @@ from ...harness.results.records import RunRecord
 from ...harness.results.series import Series, read_series
 from ...harness.results.series import check_series as check_series_file
 from ...harness.results.shadows import Nearest, nearest_of, read_nearest
-from ...harness.results.words import why
+from ...harness.results.words import comparison_words, why
 from ...harness.types import Status
 
 T = TypeVar("T")
@@ -72,6 +72,11 @@ class Run:
     @property
     def status(self) -> str:
         return self.record.status or "unknown"
+
+    @property
+    def compared(self) -> str:
+        """How far its motion was compared, where that is not to its end."""
+        return comparison_words(self.record)
 
     @property
     def is_success(self) -> bool:
