@@ -5,7 +5,8 @@ declared twice, or the direction of time. How far apart they may end is measured
 solver's end at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10, plus for fixed
 steps ``HALVES`` times the change at half the step. Two runs of one motion may differ by their errors; whether a fixed
 step keeps a symmetry exactly, without that last part, is stated beside the verdict.
-A number that is not finite gives no verdict; a bound above the mechanism's size decides nothing.
+A number that is not finite gives no verdict; a bound above the mechanism's size decides nothing, nor does one that is
+missed by less than it is uncertain.
 Distances are of whole poses, max over bodies of |r - r'| and L times the angle of R to R', L the mechanism's size.
 """
 
@@ -32,6 +33,7 @@ from ...types import Status
 
 SLACK = 10.0  # errors of one tolerance scatter by several times: steps fall differently
 HALVES = 3.0  # one run may err by 4/3 of its change at half the step, the other by as much the other way
+UNSURE = 0.1  # of a bound: the change at a tenth of the tolerance is the error less about a tenth of it
 TENTH = (0.05, 0.2)  # of the tolerance: what counts as a tenth
 ROUNDING = 2.2e-16  # a step, relative; steps add up
 CHANGES: Mapping[str, str] = {
@@ -245,7 +247,9 @@ def _compare(made: Callable[..., Symmetry], deviation: float, yard: Yardstick, g
     if not math.isfinite(deviation) or not math.isfinite(bound):
         return made("failed", Unjudged.END if not math.isfinite(deviation) else Unjudged.BOUND, bound=bound)
     kept = yard.halved > 0.0 and deviation <= exact
-    verdict = "broken" if deviation > bound else "undecided" if (exact if kept else bound) > yard.size else "holds"
+    verdict: SymmetryVerdict = "broken"
+    if deviation <= (1.0 + UNSURE) * bound:
+        verdict = "undecided" if deviation > bound or (exact if kept else bound) > yard.size else "holds"
     return made(
         verdict, deviation=deviation, bound=bound, exact=None if yard.halved == 0.0 else kept and verdict == "holds",
         exact_bound=exact, level=yard.level, halved=yard.halved, rounding=yard.rounding / SLACK, growth=yard.growth,

@@ -43,9 +43,11 @@ def describe_symmetry(s: Symmetry) -> str:
     parts += [f"rounding by {s.rounding:.1e} m at most", f"a change of the start grows {s.growth:.2g}-fold"]
     missed = f"{MISSES.get(s.check, 'ends elsewhere')} by {s.deviation:.1e} m"
     allowed = f"{missed} of {s.bound:.1e} m allowed"
+    times = f"{s.deviation / s.bound:.3g} times the {s.bound:.1e} m allowed" if s.bound > 0.0 else "nothing allowed"
     if s.verdict == "broken":
-        times = f"{s.deviation / s.bound:.3g} times the {s.bound:.1e} m allowed" if s.bound > 0.0 else "nothing allowed"
         said = f"{missed}, {times}"
+    elif s.verdict == "undecided" and s.deviation > s.bound:
+        said = f"{missed}, {times}, which is known to a tenth"
     elif s.verdict == "undecided":
         said = f"{missed}, but {s.bound:.1e} m allowed is more than the mechanism's size"
     elif s.exact is None:

@@ -112,6 +112,8 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     assert [e.settings_id for e in found] == [planted.settings_id]
     assert [(b.law, b.name) for b in found[0].because] == [(Law.SYMMETRY, "mirror image")]
     assert find_false_successes(records, check_symmetries(folder, records)) == ()
+    off = [dataclasses.replace(r, motion_error_max_m=2.0 * entry.deviation) for r in told_of]
+    assert find_false_successes(off, check_symmetries(folder, told_of)) == ()  # below the run's own error
 
 
 def test_refusals_failures_and_missing_ways_back_are_distinguished(folder, told):
@@ -178,6 +180,8 @@ def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_muc
     assert made(0.1, narrow).verdict == "holds"
     broken = made(0.4, narrow)
     assert broken.verdict == "broken" and "2 times the 2.0e-01 m allowed" in describe_symmetry(broken)
+    assert made(0.201, narrow).verdict == made(0.219, narrow).verdict == "undecided"  # the bound is known to a tenth
+    assert made(0.221, narrow).verdict == "broken"
     exact = Yardstick(1e-6, 5.0, 1.0, 100, 1.0)  # half the step decides nothing, but it is kept exactly
     assert made(1e-6, exact).verdict == "holds"
     assert made(1e-4, exact).verdict == "undecided"

@@ -120,6 +120,9 @@ def test_factorisations_count_where_they_are_counted():
     assert not any(p.solver == "b" and p.work == "factorisations" for p in found.profile)
 
 
+RATES = Reason(Law.TRUNCATION, 95.0, 1.0, name="the error of accelerations")
+
+
 def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     """Only where success is claimed, and planarity only where the motion is predictable to its end."""
     contradicted = record(
@@ -133,6 +136,28 @@ def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     assert [e.settings_id for e in found] == [contradicted.settings_id, away.settings_id]
     assert [(b.law, b.value) for b in found[0].because] == [(Law.ENERGY, 5.0)]
     assert [(b.law, b.value) for b in found[1].because] == [(Law.PLANE, 0.5)]
+
+
+@pytest.mark.parametrize(
+    ("changed", "misleads"),
+    [
+        ({}, False),
+        ({"motion_error_judged_m": 0.02}, True),
+        ({"rate_error_judged_m_per_s": 0.05}, True),
+        ({"reaction_error_max_N": 0.5}, True),
+        ({"reaction_error_max_N": math.nan, "reaction_size_N": math.nan}, False),  # a solver without reactions
+        ({"judged_to_s": 0.5}, True),  # not compared to the end
+        ({"wrong_because": reasons_json([RATES, Reason(Law.ENERGY, 5.0, 1.0, "J")])}, True),
+    ],
+)
+def test_rates_of_a_motion_that_is_right_mislead_nobody(changed, misleads):
+    """Wrong by its own rates alone, and right by comparison: no false success."""
+    right = record(
+        "a", 0.1, 1.0, 10, status="wrong", wrong_because=reasons_json([RATES]), motion_error_judged_m=1e-4,
+        length_scale_m=1.0, rate_error_judged_m_per_s=1e-3, speed_scale_m_per_s=2.0, reaction_error_max_N=0.05,
+        reaction_size_N=10.0, judged_to_s=1.0, t_end_s=1.0,
+    )  # fmt: skip
+    assert bool(find_false_successes([dataclasses.replace(right, **changed)], ())) is misleads
 
 
 def test_literal_starts_are_no_targets_and_no_false_successes():

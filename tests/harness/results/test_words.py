@@ -18,7 +18,7 @@ LAWFUL = RunRecord(
 
 
 @pytest.mark.parametrize(
-    "changed, words",
+    ("changed", "words"),
     [
         ({}, "success, compared to 58.8 of 2000 s"),
         ({"judged_to_s": 2000.0}, "success"),
