@@ -39,7 +39,7 @@ Entry = Mapping[str, Any]
 def run(arguments: argparse.Namespace) -> int:
     """Print an overview, all of one kind, or one entry."""
     load_plugins(arguments.plugin)
-    plain = describe_catalogue() if arguments.plugin else load_catalogue()
+    plain = describe_catalogue(plugins=True) if arguments.plugin else load_catalogue()
     name = arguments.name
     if name in KINDS:
         plain = {**plain, **{kind: [] for kind in KINDS if kind != name}}
@@ -159,7 +159,7 @@ def load_catalogue() -> dict[str, Any]:
     with contextlib.suppress(FileError):
         found: dict[str, Any] = parse_json(read_text(path, "the catalogue"), str(path))
         return found
-    found = describe_catalogue()
+    found = describe_catalogue(plugins=False)
     with contextlib.suppress(OSError):  # without a place to keep it, it is made again
         path.parent.mkdir(parents=True, exist_ok=True)
         for old in path.parent.glob("*.json"):
@@ -179,8 +179,8 @@ def _digest_code() -> str:
     return digest.hexdigest()[:24]
 
 
-def describe_catalogue() -> dict[str, Any]:
-    """JSON-able: problems, solvers, suites, plugins' among them."""
+def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
+    """Describe problems, solvers and suites, JSON-able; ``plugins``: those of loaded plugins, too."""
     from ..harness.catalogue import registry
     from ..harness.suites.includes import suite_names
     from ..harness.suites.spec import DEFAULT_RTOL
@@ -195,11 +195,13 @@ def describe_catalogue() -> dict[str, Any]:
             "parameters": _plain_options(p.parameters),
         }
         for p in registry.problems().values()
+        if plugins or registry.is_own_problem(p.name)
     ]
     solvers = [
         {**{k: getattr(s, k) for k in ("name", "paper_label", "doc", "control")},
          "order": _read_order(s.name), "options": _plain_options(s.parameters)}
         for s in registry.solvers().values()
+        if plugins or registry.is_own_solver(s.name)
     ]  # fmt: skip
     return {
         "problems": problems, "solvers": solvers, "suites": suite_names(), "traits": list(Trait),

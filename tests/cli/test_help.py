@@ -71,13 +71,30 @@ def test_the_kept_catalogue_is_the_one_of_the_code(tmp_path, monkeypatch):
     """Nothing is lost on the way to the file; another code is another file."""
     monkeypatch.setattr(catalogue, "cache_folder", lambda *_: tmp_path)
     made, again = catalogue.load_catalogue(), catalogue.load_catalogue()
-    assert json.loads(to_json(made)) == again == json.loads(to_json(catalogue.describe_catalogue()))
+    assert json.loads(to_json(made)) == again == json.loads(to_json(catalogue.describe_catalogue(plugins=False)))
     (file,) = tmp_path.iterdir()
     file.write_text("no JSON")
     assert catalogue.load_catalogue()["problems"]
     monkeypatch.setattr(catalogue, "_digest_code", lambda: "other")
     catalogue.load_catalogue()
     assert [p.name for p in tmp_path.iterdir()] == ["other.json"]
+
+
+def test_the_kept_catalogue_is_our_own(tmp_path, monkeypatch):
+    """It is kept for every later command: what a plugin marks in the process that writes it is no part of it."""
+    monkeypatch.setattr(registry, "_plugin_problems", {})
+    monkeypatch.setattr(registry, "_plugin_solvers", {})
+    monkeypatch.setattr(catalogue, "cache_folder", lambda *_: tmp_path / "kept")
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(
+        (Path(__file__).parents[1] / "harness" / "misbehaving.py").read_text().replace("free_fall", "falls")
+    )
+    registry.load_plugin(plugin)
+    assert "falls" in [e["name"] for e in catalogue.describe_catalogue(plugins=True)["problems"]]
+    for kind in ("problems", "solvers"):
+        names = [e["name"] for e in catalogue.load_catalogue()[kind]]
+        assert names == [n for n in getattr(registry, kind)() if getattr(registry, f"is_own_{kind[:-1]}")(n)]
+    assert catalogue.load_catalogue() == json.loads(next((tmp_path / "kept").iterdir()).read_text())
 
 
 @pytest.mark.parametrize("columns", ["80", ""])
