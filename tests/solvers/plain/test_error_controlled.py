@@ -122,6 +122,9 @@ def test_runs_choose_the_same_steps(solver):
     found, plain = (make_solver(solver, {"code": code}).solve(problem, control) for code in ("kernel", "plain"))
     assert plain.status is Status.SUCCESS, plain.message
     assert plain.counters["rejected"] == found.counters["rejected"]
+    if solver != "radau_ggl":
+        evaluations = plain.counters["evaluations"]
+        assert evaluations == found.counters["evaluations"] == found.counters["factorisations"]
     assert np.allclose(plain.t, found.t, rtol=1e-2 if solver == "radau_ggl" else 1e-5, atol=0.0), (plain.t, found.t)
 
 
