@@ -90,12 +90,12 @@ class Step:
                 z[i] = m.over_inertia(rows[i].A.T @ eta[i])
             q_before, v_before = q, v
             v = v0 + h * A @ v_dot  # (1)
-            q = h * A @ _rates(q, v + z)  # (2)
+            q = h * A @ rates(q, v + z)  # (2)
             self.counters["newton_iterations"] += 1
-            sizes.append(max(_size(q - q_before, q), _size(v - v_before, v)))
+            sizes.append(max(largest(q - q_before, q), largest(v - v_before, v)))
             if not np.isfinite(sizes[-1]):
                 return None
-            if _is_left(sizes) <= self.tolerance:  # (7)
+            if changes_to_come(sizes) <= self.tolerance:  # (7)
                 break
         else:
             return None
@@ -105,7 +105,7 @@ class Step:
         return b, Carried(v_dot, lam, h), lam[2], float(error)
 
 
-def _is_left(sizes: list[float]) -> float:
+def changes_to_come(sizes: list[float]) -> float:
     """What further iterations would change, by the rate of the last two; at rounding the last change itself."""
     if sizes[-1] == 0.0 or len(sizes) < 3:
         return 0.0 if sizes[-1] == 0.0 else np.inf
@@ -113,14 +113,15 @@ def _is_left(sizes: list[float]) -> float:
     return sizes[-1] * (theta / (1.0 - theta) if theta < 1.0 else 1.0)
 
 
-def _rates(q: Float[np.ndarray, "3 n"], u: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "3 n"]:
+def rates(q: Float[np.ndarray, "3 n"], u: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "3 n"]:
     """q' of the velocities u of the bodies, (2)."""
     theta, out = q.reshape(3, -1, 6)[..., 3:], u.reshape(3, -1, 6).copy()
     out[..., 3:] = so3.dexpinv(theta, out[..., 3:])
     return out.reshape(q.shape)
 
 
-def _size(change: Float[np.ndarray, "3 n"], of: Float[np.ndarray, "3 n"]) -> float:
+def largest(change: Float[np.ndarray, "3 n"], of: Float[np.ndarray, "3 n"]) -> float:
+    """The largest change in parts of 1 + |y|."""
     return float(np.max(np.abs(change) / (1.0 + np.abs(of))))
 
 

@@ -122,10 +122,22 @@ def test_runs_choose_the_same_steps(solver):
     found, plain = (make_solver(solver, {"code": code}).solve(problem, control) for code in ("kernel", "plain"))
     assert plain.status is Status.SUCCESS, plain.message
     assert plain.counters["rejected"] == found.counters["rejected"]
-    if solver != "radau_ggl":
+    if solver == "radau_ggl":
+        assert all(out.counters["newton_iterations"] > 2 * out.counters["steps"] for out in (plain, found))
+    else:
         evaluations = plain.counters["evaluations"]
         assert evaluations == found.counters["evaluations"] == found.counters["factorisations"]
     assert np.allclose(plain.t, found.t, rtol=1e-2 if solver == "radau_ggl" else 1e-5, atol=0.0), (plain.t, found.t)
+
+
+def test_what_is_left_is_the_rest_of_a_geometric_series():
+    """By the rate of the last two iterations, which may take turns; at rounding it is the last change."""
+    left = radau_ggl.changes_to_come
+    assert left([8.0, 2.0, 0.5]) == pytest.approx(0.5 / 4 + 0.5 / 16 + 0.5 / 64, rel=0.02)
+    assert left([8.0, 8.0, 0.5]) == left([8.0, 2.0, 0.5])
+    assert left([1e-15, 1e-15, 2e-15]) == 2e-15
+    assert left([3.0, 0.0]) == 0.0 and left([3.0, 1e-9]) == left([3.0]) == np.inf
+    assert radau_ggl.largest(np.array([[0.5, -8.0]]), np.array([[0.0, -3.0]])) == 2.0
 
 
 @pytest.mark.parametrize(
