@@ -1,8 +1,8 @@
 """Radau IIA of order 5 on stabilised index 2: Hairer and Wanner (1996), Solving Ordinary Diff. Equations II, IV.8.
 
-Stabilised: Gear, Gupta and Leimkuhler (1985), J. Comput. Appl. Math. 12; the text's VII.4 has the pair. On the rotation
-group as by Munthe-Kaas (1999), Appl. Numer. Math. 29: q = (r - r_0, theta), R = R_0 exp(theta). Stages i = 1, 2, 3 of a
-step of h, the third being its end, with two multipliers, lam of v and eta of q::
+Stabilised: Gear, Gupta and Leimkuhler (1985), J. Comput. Appl. Math. 12; Runge-Kutta on index 2: the text's VII.4. On
+the rotation group as by Munthe-Kaas (1999), Appl. Numer. Math. 29: q = (r - r_0, theta), R = R_0 exp(theta). Stages
+i = 1, 2, 3 of a step of h, the third being its end, with two multipliers, lam of v and eta of q::
 
     (1)  v_i = v_0 + h sum_j a_ij v'_j
     (2)  q_i = h sum_j a_ij q'_j,   q'_i = (r_dot_i + z_i, dexp^-1(theta_i) (Omega_i + z_i)),   z_i = M^-1 A_i^T eta_i
@@ -79,7 +79,7 @@ class Step:
             stages = [Node(x.t + c * h, *move(x.r, x.R, one.reshape(-1, 6)), u.reshape(-1, 6))
                       for c, one, u in zip(C, q, v, strict=True)]  # fmt: skip
             rows = [m.rows(*stage) for stage in stages]
-            phi, phi_dot = np.stack([one.phi for one in rows]), np.stack([one.phi_dot for one in rows])
+            phi, phi_dot = np.stack([one.phi for one in rows]), np.stack([one.phi_dot for one in rows])  # (4)
             for i in range(3):
                 S = m.schur(rows[i].A, rows[i].A)
                 d = m.over_inertia(m.forces(*stages[i]) + rows[i].A.T @ lam[i]) - v_dot[i]  # (3)
