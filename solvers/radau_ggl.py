@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl
-from .formulations.compiled.host import ClosedMarch, Method, code_option
-from .formulations.methods.radau import radau_steps
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.compiled.host import ClosedMarch, Method, code_option, run_plainly
+from .formulations.methods.radau import radau_steps, tolerance_for
+from .plain import radau_ggl
 
 
 @solver("radau_ggl")
@@ -22,10 +23,14 @@ from .formulations.methods.radau import radau_steps
 class RadauGgl(ClosedMarch):
     """Radau IIA of order 5 on the rotation group, stabilised index 2, error control."""
 
-    code: str = code_option("kernel", "mechanism")
+    code: str = code_option("kernel", "mechanism", "plain")
 
     control: ClassVar[str] = "rtol"
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         assert control.rtol is not None  # the catalogue has seen to it
         return radau_steps(problem, control.rtol, self.code)
+
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        assert control.rtol is not None
+        return run_plainly(radau_ggl.integrate, problem, control, tolerance_for(control.rtol))

@@ -20,3 +20,4 @@ class RkmkDop853(ExplicitPair):
     """DOP853 on the rotation group, index 1 with projection, error control."""
 
     tableau: ClassVar[Tableau] = DOPRI853
+    pair: ClassVar[str] = "8(5,3)"

@@ -20,3 +20,4 @@ class RkmkDopri5(ExplicitPair):
     """Dormand-Prince 5(4) on the rotation group, index 1 with projection, error control."""
 
     tableau: ClassVar[Tableau] = DOPRI5
+    pair: ClassVar[str] = "5(4)"

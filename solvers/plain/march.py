@@ -1,4 +1,4 @@
-"""Fixed steps from the start to the end of a problem: a step that fails is done in two halves."""
+"""The loop over the steps from the start to the end of a problem, and the pace of fixed ones."""
 
 from typing import Any, NamedTuple
 
@@ -27,20 +27,44 @@ def begin(problem: Problem) -> Node:
     return Node(s.t, s.r, s.R, np.hstack((s.v, s.Omega)))
 
 
-def march(problem: Problem, control: StepControl, step: Any, most_cuts: int = 0) -> Trajectory:
-    """Call ``step(dt, node, carried)`` along a grid of ``control.dt``; it returns None where it asks for a shorter one.
+class Grid:
+    """Steps of ``dt``; one that fails is done in two halves, ``most_cuts`` times at most."""
 
-    A node has ``t``, ``r``, ``R`` and ``v``; with it a step returns what it carries on, and a reaction.
+    def __init__(self, t_end: float, dt: float, most_cuts: int = 0) -> None:
+        whole = int(t_end / dt + ROUNDED)
+        self.todo, self.most_cuts = [(dt, 0)] * whole, most_cuts
+        if t_end - whole * dt > ROUNDED * dt:
+            self.todo = [(t_end - whole * dt, 0), *self.todo]
+        self.counters, self.ended = {"step_cuts": 0}, (Status.SUCCESS, "")
+
+    def next(self, t: float) -> float | None:
+        """The step to try at ``t``; None at the end, or where steps have failed."""
+        return self.todo[-1][0] if self.todo and not self.ended[1] else None
+
+    def takes(self, h: float, made: Any) -> bool:
+        """Whether a step stands; if not, two halves take its place."""
+        _, level = self.todo.pop()
+        if made is not None:
+            return True
+        if level == self.most_cuts:
+            cut = f", cut {self.most_cuts} times," if self.most_cuts else ""
+            self.ended = Status.STEP_UNDERFLOW, f"a step of this size{cut} does not come to an end"
+        else:
+            self.counters["step_cuts"] += 1
+            self.todo += [(0.5 * h, level + 1)] * 2
+        return False
+
+
+def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -> Trajectory:
+    """Call ``step(h, node, carried)`` as ``pace`` says, or along a grid of ``control.dt``; a step that fails is None.
+
+    A node has ``t``, ``r``, ``R`` and ``v``; with it a step returns what it carries on, a reaction, and its error where
+    that sets the pace.
     """
-    watch, dt, t_end = Stopwatch(), float(control.dt or 0.0), problem.t_end
+    watch, pace = Stopwatch(), pace or Grid(problem.t_end, float(control.dt or 0.0))
     node, carried, reaction = step.start(problem)
-    nodes, reactions, cuts, ended = [node], [reaction], 0, (Status.SUCCESS, "")
-    whole = int(t_end / dt + ROUNDED)
-    todo = [(dt, 0)] * whole
-    if t_end - whole * dt > ROUNDED * dt:
-        todo = [(t_end - whole * dt, 0), *todo]
-    while todo and ended[0] is Status.SUCCESS:
-        h, level = todo.pop()
+    nodes, reactions, limit = [node], [reaction], ""
+    while not limit and (h := pace.next(node.t)) is not None:
         try:
             with np.errstate(all="ignore"):  # overflow on the way to a step that is cut
                 made = step(h, node, carried)
@@ -48,26 +72,23 @@ def march(problem: Problem, control: StepControl, step: Any, most_cuts: int = 0)
             made = None
         if made is not None and not np.all(np.isfinite(made[0].v)):
             made = None
-        if made is None and level == most_cuts:
-            cut = f", cut {most_cuts} times," if most_cuts else ""
-            ended = Status.STEP_UNDERFLOW, f"a step of this size{cut} does not come to an end"
-        elif made is None:
-            cuts, todo = cuts + 1, [*todo, (0.5 * h, level + 1), (0.5 * h, level + 1)]
-        else:
-            node, carried, reaction = made
+        if pace.takes(h, made):
+            node, carried, reaction = made[:3]
             nodes.append(node)
             reactions.append(reaction)
             if control.spool is not None and control.spool.due():
                 new = nodes[control.spool.rows :]
                 control.spool.take([x.t for x in new], _states(new))
-            if todo and len(nodes) > control.max_steps:
-                ended = Status.STALLED, f"max_steps = {control.max_steps} reached"
-            elif todo and control.cpu_limit is not None and watch.solver > control.cpu_limit:
-                ended = Status.STALLED, f"CPU limit of {control.cpu_limit:g} s reached"
-    message = f"{ended[1]} at t = {node.t:g} s" if ended[1] else ""
-    counters = {"steps": len(nodes) - 1, "step_cuts": cuts, **step.counters}
+        if pace.next(node.t) is not None:
+            if len(nodes) > control.max_steps:
+                limit = f"max_steps = {control.max_steps} reached"
+            elif control.cpu_limit is not None and watch.solver > control.cpu_limit:
+                limit = f"CPU limit of {control.cpu_limit:g} s reached"
+    status, words = (Status.STALLED, limit) if limit else pace.ended
+    message = f"{words} at t = {node.t:g} s" if words else ""
+    counters = {"steps": len(nodes) - 1, **pace.counters, **step.counters}
     return Trajectory(
-        np.array([x.t for x in nodes]), _states(nodes), ended[0], message, counters, reaction=np.stack(reactions),
+        np.array([x.t for x in nodes]), _states(nodes), status, message, counters, reaction=np.stack(reactions),
         cpu_time=watch.solver, setup_time=watch.code, notes=("plain NumPy, as its source prints it",),
     )  # fmt: skip
 

@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from ...harness.mechanics import so3
 from ...harness.types import Problem, StepControl, Trajectory
-from .march import march
+from .march import Grid, march
 from .mechanics import Mechanism, Rows
 
 DIFFERENCE = 1e-7  # of the unknowns, in Jacobians by differences
@@ -232,4 +232,5 @@ class Step:
 
 def integrate(problem: Problem, control: StepControl, choices: Any, settings: Any) -> Trajectory:
     """Step from the start to ``t_end``; reactions are means over the steps."""
-    return march(problem, control, Step(problem, choices, settings), choices.max_cuts)
+    grid = Grid(problem.t_end, float(control.dt or 0.0), choices.max_cuts)
+    return march(problem, control, Step(problem, choices, settings), grid)

@@ -52,9 +52,14 @@ ARRAYS = {  # the first axis is that of the stages
 }  # fmt: skip
 
 
+def tolerance_for(rtol: float) -> float:
+    """Where the iteration ends: at 1e-10, or a thousandth of ``rtol`` if that is less, so that constraints hold."""
+    return max(1e-13, min(1e-10, 1e-3 * rtol))
+
+
 def radau_steps(problem: Problem, rtol: float, code: str) -> Method:
-    """The method; its iteration ends at 1e-10, or a thousandth of ``rtol`` if that is less: constraints hold."""
-    tolerance, notes = tolerance_of(max(1e-13, min(1e-10, 1e-3 * rtol)), problem)
+    """The method."""
+    tolerance, notes = tolerance_of(tolerance_for(rtol), problem)
     of_system = partial(prepare, system=problem.system, tolerance=tolerance, code=code)
     counters = ("rejected", "iterations", "factorisations")
     notes += ("code of the mechanism",) if code == "mechanism" else ()

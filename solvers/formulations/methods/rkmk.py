@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
-from ....harness.types import Problem, StepControl
+from ....harness.types import Problem, StepControl, Trajectory
+from ...plain import rkmk
 from ..compiled.algebra import clear, close_rotations, copy, theta_dot, turned_by
 from ..compiled.bundles import make_step
 from ..compiled.entries import inner, run
-from ..compiled.host import Marched, Method, code_option
+from ..compiled.host import WITH_PLAIN, Marched, Method, code_option
 from .tableaux import Tableau
 
 ARRAYS = {  # columns are r (3), theta (3), v (6)
@@ -32,13 +33,17 @@ ARRAYS = {  # columns are r (3), theta (3), v (6)
 class ExplicitPair(Marched):
     """A solver by an embedded pair."""
 
-    code: str = code_option()
+    code: str = code_option(*WITH_PLAIN)
 
     control: ClassVar[str] = "rtol"
     tableau: ClassVar[Tableau]
+    pair: ClassVar[str]  # its name in solvers/plain
 
     def _method(self, problem: Problem, control: StepControl) -> Method:
         return replace(explicit_pair(self.tableau), code=self.code)
+
+    def _plain(self, problem: Problem, control: StepControl) -> Trajectory:
+        return rkmk.integrate(problem, control, self.pair)
 
 
 def explicit_pair(tableau: Tableau) -> Method:

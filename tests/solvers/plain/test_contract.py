@@ -60,19 +60,25 @@ def compare(problem, solver, options, codes=("kernel",), steps=20):
         found = made.solve(problem, control)
         assert found.status is Status.SUCCESS, f"{solver}, {code}, {problem.name}: {found.message}"
         where = f"{solver} {options}, {code}, {problem.name}"
-        assert len(found.t) == len(plain.t), f"{where}: {len(found.t)} nodes, the plain method has {len(plain.t)}"
-        size = max(1.0, float(np.max(np.abs(plain.states.r))))
-        speed = max(1.0, *(float(np.max(np.abs(a))) for a in (plain.states.v, plain.states.Omega)))
-        left = 1e-12 / problem.dt if options.get("form") == "index3" else 0.0  # [m/s] phi to 1e-12 leaves of velocities
-        for name, scale in (("r", size), ("R", 1.0), ("v", speed), ("Omega", speed)):
-            one, two = getattr(found.states, name), getattr(plain.states, name)
-            worst = np.unravel_index(np.argmax(np.abs(one - two)), one.shape)
-            gap, allowed = abs(one[worst] - two[worst]), (EQUAL * scale + left) * max(worst[0], 1)
-            assert gap <= allowed, (
-                f"{where}: {name} of body {worst[1]} after step {worst[0]} is {one[worst]!r}, "
-                f"by the plain method {two[worst]!r}"
-            )
-        compare_loads(problem, where, found, plain, EQUAL_LOADS + (1e-6 if options.get("form") == "index3" else 0.0))
+        index3 = options.get("form") == "index3"
+        left = 1e-12 / problem.dt if index3 else 0.0  # [m/s] phi to 1e-12 leaves of velocities
+        compare_runs(problem, where, found, plain, left, EQUAL_LOADS + (1e-6 if index3 else 0.0))
+
+
+def compare_runs(problem, where, found, plain, left=0.0, loads=EQUAL_LOADS):
+    """Compare two runs at each node: velocities may differ by ``left`` [m/s] more, loads by ``loads`` of their size."""
+    assert len(found.t) == len(plain.t), f"{where}: {len(found.t)} nodes, the plain method has {len(plain.t)}"
+    size = max(1.0, float(np.max(np.abs(plain.states.r))))
+    speed = max(1.0, *(float(np.max(np.abs(a))) for a in (plain.states.v, plain.states.Omega)))
+    for name, scale in (("r", size), ("R", 1.0), ("v", speed), ("Omega", speed)):
+        one, two = getattr(found.states, name), getattr(plain.states, name)
+        worst = np.unravel_index(np.argmax(np.abs(one - two)), one.shape)
+        gap, allowed = abs(one[worst] - two[worst]), (EQUAL * scale + left) * max(worst[0], 1)
+        assert gap <= allowed, (
+            f"{where}: {name} of body {worst[1]} after step {worst[0]} is {one[worst]!r}, "
+            f"by the plain method {two[worst]!r}"
+        )
+    compare_loads(problem, where, found, plain, loads)
 
 
 def compare_loads(problem, where, found, plain, allowed):

@@ -1,0 +1,55 @@
+"""Steps chosen by their error: the PI controller of Gustafsson (1991), ACM Trans. Math. Softw. 17.
+
+As Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.2, have it, p the order of the estimate::
+
+    h_new = h 0.9 err^(-0.7/p) err_old^(0.4/p)   after a step with err <= 1,   h 0.9 err^(-1/p)   to try one again
+"""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...harness.types import Problem, Status, StepControl
+from .march import Node
+
+FIRST_STEP = 1e-4  # [s]
+SAFETY, LEAST, MOST, MOST_AGAIN = 0.9, 0.2, 5.0, 0.9  # of the change of a step
+SMALL = 1e-4  # an error that the next step takes to be no smaller
+SHORTEST = 1e-14  # of the time: below it a step no longer moves the clock
+
+
+class ErrorControl:
+    """The steps of a run from t = 0 on; a step that has no error, for its iteration fails, is halved."""
+
+    def __init__(self, problem: Problem, control: StepControl, order: float) -> None:
+        self.t_end, self.order, self.longest = problem.t_end, order, control.max_step or np.inf
+        self.h, self.old = min(FIRST_STEP, problem.t_end), SMALL
+        self.counters, self.ended = {"rejected": 0}, (Status.SUCCESS, "")
+
+    def next(self, t: float) -> float | None:
+        """The step to try at ``t``; None at the end, or where it would not move the clock."""
+        h, left = min(self.h, self.longest), self.t_end - t
+        if left <= SHORTEST * t:
+            return None
+        if h < SHORTEST * max(t, 1e-6 * self.t_end):
+            self.ended = Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"
+            return None
+        return left if h >= left * (1.0 - 1e-12) else min(h, 0.5 * left)  # two even steps, not one and a sliver
+
+    def takes(self, h: float, made: Any) -> bool:
+        """Whether a step stands; the next one's size."""
+        error = made[3] if made is not None else np.inf
+        if error <= 1.0:
+            change = SAFETY * max(error, 1e-10) ** (-0.7 / self.order) * self.old ** (0.4 / self.order)
+            self.h, self.old = h * min(MOST, max(LEAST, change)), max(error, SMALL)
+            return True
+        self.h = h * (min(MOST_AGAIN, max(LEAST, SAFETY * error ** (-1.0 / self.order))) if made is not None else 0.5)
+        self.counters["rejected"] += 1
+        return False
+
+
+def scale(a: Node, b: Node, rtol: float) -> Float[np.ndarray, "nb 12"]:
+    """What ``rtol`` allows of r, theta and v: rtol (1 + |y|), of angles rtol."""
+    angles = np.zeros_like(a.r)
+    return rtol * (1.0 + np.hstack((np.maximum(abs(a.r), abs(b.r)), angles, np.maximum(abs(a.v), abs(b.v)))))
