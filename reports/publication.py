@@ -19,8 +19,10 @@ from .model.heat import Heat, heat
 from .model.margin import LEVELS
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
+from .plots.convergence import convergence_plots
+from .plots.fonts import DEFAULT_FONT, Font
 from .plots.laws import draw_runs, laws
-from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, sheet
+from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, scale, sheet, small
 from .plots.spec import Look, Plot, Trace, looks_in_print
 from .plots.work import plots_of
 from .rendering import render
@@ -41,6 +43,13 @@ WORK = (
     "early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie on the "
     "dotted line."
 )
+CONVERGENCE = (
+    "Lines join the steps or tolerances of the same settings; a run that stopped early (star) has the error up to "
+    "there and is not comparable. Zeros lie on the dotted line."
+)
+TRIANGLES = (  # where there are some
+    "Triangles: slopes of the whole orders that at least three runs in a row follow to 0.2; the order stands beside."
+)
 COUNTED = {  # in captions, where a panel has it
     "index-1 evaluations": "Index-1 evaluations: one unit for all solvers, an evaluation of the equations with its "
     "factorisation; one without counts half.",
@@ -53,11 +62,12 @@ SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "op
 
 
 def command(
-    folder: Path, only: Sequence[str], tell: Callable[[str], None], names: Mapping[str, str] | None = None
-) -> list[Path]:
+    folder: Path, only: Sequence[str], tell: Callable[[str], None], names: Mapping[str, str] | None = None,
+    font: Font = DEFAULT_FONT,
+) -> list[Path]:  # fmt: skip
     """The command ``mbsbench figures``; ``only`` are names of variants, or of problems that have none of that name.
 
-    Solvers are called by ``names``, where they have one there.
+    Solvers are called by ``names``, where they have one there; letters are those of ``font``.
     """
     results = read_results(Path(folder), check_series=False)
     results, own = _rename_solvers(results, looks_in_print(results.solvers), names or {})
@@ -71,7 +81,7 @@ def command(
 
     def keep(printed: Printed, place: Place, problem: str = "") -> None:
         name, caption, width, draw = printed
-        made = save(draw, place, name, SUFFIXES)
+        made = save(draw, place, name, SUFFIXES, font)
         files.extend(made)
         captions.append({"name": name, "caption": caption, "problem": problem, "width_mm": round(width * 25.4, 1),
                          "files": [p.relative_to(out.path).as_posix() for p in made]})  # fmt: skip
@@ -117,12 +127,16 @@ def describe_table(variant: Variant) -> str:
 
 
 def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | None = None) -> Iterator[Printed]:
-    """Work against error of all runs; then of every label the laws, each alone and together."""
+    """Work and step against error of all runs; then of every label the laws, each alone and together."""
     own = own or looks_in_print(results.solvers)
     if len(variant.runs) >= LEAST and (work := plots_of(variant)):
         counted = " ".join(words for kind, words in COUNTED.items() if any(p.x.title == kind for p in work))
         caption = f"{variant.title}: work against error. {' '.join(filter(None, (WORK, counted)))}"
         yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
+    if plots := convergence_plots(variant):
+        words = " ".join([CONVERGENCE, TRIANGLES] if any(p.triangles for p in plots) else [CONVERGENCE])
+        caption = f"{variant.title}: error against step. {words}"
+        yield f"{variant.slug}-convergence", caption, DOUBLE, partial(figure, plots, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():
         if len(runs) > MAP:
@@ -162,7 +176,7 @@ def parts(runs: Sequence[Run]) -> list[list[Run]]:
 
 def heat_figure(heat: Heat) -> Figure:
     """One row a solver, one column a problem; the number is the margin."""
-    out = sheet(DOUBLE, ROW * len(heat.rows) + HEAD)
+    out = sheet(DOUBLE, scale() * (ROW * len(heat.rows) + HEAD))
     ax = out.add_subplot()
     for y, row in enumerate(heat.rows):
         for x, box in enumerate(row.boxes):
@@ -171,13 +185,14 @@ def heat_figure(heat: Heat) -> Figure:
             if box is not None:
                 loud = box.level == len(LEVELS)
                 words = plain(f"{SIGNS[box.mark.kind]}{box.text}")
-                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=7, color=PAPER if loud else INK)
+                ink = PAPER if loud else INK
+                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=small(), color=ink)
     ax.set(xlim=(0, len(heat.problems)), ylim=(len(heat.rows), 0))
     columns, rows = (np.arange(len(of)) + 0.5 for of in (heat.problems, heat.rows))
     heads = ([plain(w) for w in (p.problem.replace("_", " "), p.parameters) if w] for p in heat.problems)
     ax.set_xticks(columns, ["\n".join(w.replace(" ", "\n", (len(w) - 1) // 14) for w in words) for words in heads])
     names = ["\n".join(plain(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
-    ax.set_yticks(rows, names, fontsize=7)
+    ax.set_yticks(rows, names, fontsize=small())
     ax.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)

@@ -14,7 +14,7 @@ from ..harness.results.judgements.runs import Order
 from .model.frontier import frontiers, of_most_problems
 from .model.results import Results, group_by, read_results, stamp
 from .model.tracking import list_followed
-from .pages.judged.orders import by_case, fit_of, ladders
+from .pages.judged.orders import by_case, fit_of, ladders, put_triangles
 from .pages.runs.solvers import card_of
 from .plots.laws import draw_runs, laws
 from .plots.paper import figure, save
@@ -63,7 +63,8 @@ def _orders(orders: Sequence[Order]) -> list[Plot]:
                 x, y = fit
                 line = y[0] * (x / x[0]) ** o.declared
                 declared.append(Trace(f"declared: order {o.declared:g}", x, line, dash=1))
-            plots.append(replace(plot, title=o.quantity, traces=(*plot.traces, *declared)))
+            whole = replace(plot, title=o.quantity, traces=(*plot.traces, *declared))
+            plots.append(put_triangles(whole, [o]))  # clear of the declared line, too
     return plots
 
 

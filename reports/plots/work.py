@@ -37,7 +37,7 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Point:
-    """Cost and errors of one run; ``works`` and ``errors`` by the keys of ``WORKS`` and ``ERRORS``."""
+    """Cost and errors of one run; ``works`` by the keys of ``WORKS``, and its ``step``; ``errors`` by ``ERRORS``."""
 
     run: Run
     page: str
@@ -73,10 +73,19 @@ def list_points(
     for c in variant.runs:
         r = c.record
         works = {"index1": index_1_evaluations(r), "operations": operations(r), "evaluations": evaluations(r),
-                 "factorisations": r.factorisations, "steps": float(r.steps), "cpu": r.cpu_median_s}  # fmt: skip
+                 "factorisations": r.factorisations, "steps": float(r.steps), "cpu": r.cpu_median_s,
+                 "step": _mean_step(c)}  # fmt: skip
         errors = {"error": measure.of(c) if measure else math.nan, "energy": r.energy_drift_max_J, "phi": r.phi_max}
         out.append(Point(c, page(c), works, errors, r.settings_id in best))
     return out
+
+
+def _mean_step(run: Run) -> float:
+    """The step asked for; under error control the mean of those taken [s]."""
+    r = run.record
+    if r.control == "dt":
+        return r.dt_s
+    return r.t_reached_s / r.steps if r.steps > 0 else math.nan
 
 
 def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
@@ -105,7 +114,7 @@ def work_plots(name: str, points: Sequence[Point], measure: Measure | None, pair
             axes = Axis(*WORKS[work], log=True), Axis(what, unit, log=True)
             title = f"{what[0].upper()}{what[1:]} over {WORKS[work][0]}"
             region = _reference_region(own, work, measure.own) if error == "error" and measure else []
-            drawn = [*region, *_families(own, work, error, folded)]
+            drawn = [*region, *join_ladders(own, work, error, folded)]
             drawn += _front(own, work) if front and error == "error" else []
             finding, focus = race(own, work, error, unit)
             out[f"{error}-{work}"] = Plot(
@@ -165,7 +174,7 @@ def _reference_region(points: Sequence[Point], work: str, own: float) -> list[Tr
     return [Trace("below the reference's stated error", ends, edge, low=bottom, high=edge, dash=2)]
 
 
-def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> list[Trace]:
+def join_ladders(points: Sequence[Point], work: str, error: str, folded: bool = False) -> list[Trace]:
     """Runs of one method at several steps, coarsest first; those that stopped early apart from the line."""
     methods = group_by(sorted(points, key=lambda p: (p.method, -p.run.step_or_tolerance)), lambda p: p.method)
     out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()

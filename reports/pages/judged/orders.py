@@ -8,6 +8,7 @@ import numpy as np
 from ....harness.results.judgements.runs import Note, Order
 from ...model.results import group_by, natural, slug
 from ...model.words import Mark, plural
+from ...plots.slopes import NEAR, add_triangles
 from ...plots.spec import Axis, Plot, Trace
 
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
@@ -112,10 +113,15 @@ def ladders(orders: Sequence[Order]) -> list[Plot]:
         name = slug(f"order-{variant}-{quantity}", taken)
         fitted = [o for o in own if fit_of(o)]
         order = f" converges with order {fitted[0].order:.2f}" if fitted else ""
-        plots.append(
-            Plot(name, f"{variant}: {quantity}{order}", "", step, error, tuple(t for o in own for t in _traces(o)))
-        )
+        title, drawn = f"{variant}: {quantity}{order}", tuple(t for o in own for t in _traces(o))
+        plots.append(put_triangles(Plot(name, title, "", step, error, drawn), own))
     return plots
+
+
+def put_triangles(plot: Plot, orders: Sequence[Order]) -> Plot:
+    """Return the plot with a slope triangle for each whole order that a fit of ``orders`` has, near that fit."""
+    found = [(o, fit) for o in orders if (fit := fit_of(o)) and abs(o.order - round(o.order)) <= NEAR]
+    return add_triangles(plot, [(round(o.order), Trace(o.case, *fit)) for o, fit in found])
 
 
 def _traces(o: Order) -> list[Trace]:
