@@ -133,10 +133,10 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
         counted = " ".join(words for kind, words in COUNTED.items() if any(p.x.title == kind for p in work))
         caption = f"{variant.title}: work against error. {' '.join(filter(None, (WORK, counted)))}"
         yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
-    if plots := convergence_plots(variant):
-        words = " ".join([CONVERGENCE, TRIANGLES] if any(p.triangles for p in plots) else [CONVERGENCE])
+    if ladders := convergence_plots(variant):
+        words = " ".join([CONVERGENCE, TRIANGLES] if any(p.triangles for p in ladders) else [CONVERGENCE])
         caption = f"{variant.title}: error against step. {words}"
-        yield f"{variant.slug}-convergence", caption, DOUBLE, partial(figure, plots, own, height=2.3)
+        yield f"{variant.slug}-convergence", caption, DOUBLE, partial(figure, ladders, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():
         if len(runs) > MAP:

@@ -22,6 +22,10 @@ from .plots.spec import Look, Plot, Trace, looks
 from .plots.work import plots_of
 from .rendering import write_file
 
+ORDERS = (
+    "observed order: error against step with the fitted line; dashed, the declared order; a triangle has the whole "
+    "order that is within 0.2 of the fit."
+)
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 
 
@@ -43,8 +47,7 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[dict[str, str
     chart = partial(draw_chart, looks=looks(results.solvers))
     for title, ladder in group_by(orders, lambda o: o.variant).items():
         if plots := _orders(ladder):
-            words = "observed order: error against step with the fitted line; dashed, the declared order."
-            yield chart(f"{title}: {words}", plots)
+            yield chart(f"{title}: {ORDERS}", plots)
     for run in (r for r in results.runs if r.record.label == "long"):
         if found := laws(draw_runs(results, [run], [run])):
             yield chart(f"Over {run.record.t_reached_s:g} s of {run.variant}.", found.plots)

@@ -11,10 +11,10 @@ from ...harness.results.judgements.runs import WorkProfile
 from ...harness.results.records import cpu_range
 from ...harness.results.work import evaluations, index_1_evaluations, operations
 from ..model.accuracy import Measure, measure_for
-from ..model.frontier import SOUND
+from ..model.frontier import EQUAL, SOUND
 from ..model.frontier import least as cheapest
 from ..model.results import Run, Variant, group_by
-from ..model.words import decade, number, seconds
+from ..model.words import decade, join_words, number, plural, seconds
 from .spec import Axis, Chapter, Plot, Trace, choose_focus, end_of
 
 WORKS = {  # words and unit
@@ -143,9 +143,11 @@ def race(points: Sequence[Point], work: str, error: str, unit: str) -> tuple[str
     focus = choose_focus([*(s for _, s in costs), *(s for s in solvers if s not in best)])
     if len(costs) < 2 or not costs[0][0] > 0.0:
         return "", focus
-    (lowest, first), (most, last) = costs[0], costs[-1]
+    lowest, (most, last) = costs[0][0], costs[-1]
+    firsts = [s for v, s in costs if v <= lowest * (EQUAL if work == "cpu" else 1.0)]  # counts are exact
     cost, ratio = seconds(lowest) if work == "cpu" else f"{number(lowest)} {WORKS[work][0]}", number(most / lowest, 2)
-    said = f"{first} needs {cost} for {decade(target)} {unit}, {last} {ratio} times as much"
+    need = f"{join_words(firsts)} {'needs' if len(firsts) == 1 else 'need'} {cost} for {decade(target)} {unit}"
+    said = need if last in firsts else f"{need}, {last} {ratio} times as much"
     missed = len(solvers) - len(best)
     return f"{said}; {missed} of {len(solvers)} do not get there" if missed else said, focus
 
@@ -246,7 +248,11 @@ def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], wo
             traces.append(Trace(name, *steps_of(p, right), solver=p.solver, dash=dash))
     words, unit = WORKS[work]
     best = sorted(best, key=lambda p: (-len(p.target_work), p.solver))
-    finding = f"{best[0].solver} reaches {len(best[0].target_work)} of {best[0].total} targets" if best else ""
+    firsts = [p.solver for p in best if len(p.target_work) == len(best[0].target_work)]
+    finding = ""
+    if best:
+        reach = f"{join_words(firsts)} {'reaches' if len(firsts) == 1 else 'reach'}"
+        finding = f"{reach} {len(best[0].target_work)} of {plural(best[0].total, 'target')} with the best settings"
     focus = choose_focus([p.solver for p in best])
     return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=right),
                 Axis("share of all targets reached", "", low=0.0, high=1.02), tuple(traces), wide=True, focus=focus,

@@ -111,8 +111,9 @@ def ladders(orders: Sequence[Order]) -> list[Plot]:
         step = Axis("step, or mean step under error control", "s", log=True)
         error = Axis(f"error of {quantity}", own[0].unit, log=True)
         name = slug(f"order-{variant}-{quantity}", taken)
-        fitted = [o for o in own if fit_of(o)]
-        order = f" converges with order {fitted[0].order:.2f}" if fitted else ""
+        fitted = sorted((o for o in own if fit_of(o)), key=lambda o: o.order)
+        ends = " to ".join(dict.fromkeys(f"{o.order:.2f} ({o.case})" for o in fitted[:1] + fitted[-1:]))
+        order = f" converges with order {ends}" if fitted else ""
         title, drawn = f"{variant}: {quantity}{order}", tuple(t for o in own for t in _traces(o))
         plots.append(put_triangles(Plot(name, title, "", step, error, drawn), own))
     return plots

@@ -14,7 +14,7 @@ from ...model.accuracy import judged_until, measure_for
 from ...model.catalogue import about_problem, code_of_others, why_hard
 from ...model.curves import SPANS_UPPER
 from ...model.frontier import of_most_problems
-from ...model.heat import Heat, best_and_worst, boxes_of, rank
+from ...model.heat import Heat, boxes_of, farthest_and_nearest, rank
 from ...model.margin import margin
 from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant, group_by
@@ -77,7 +77,7 @@ def write(results: Results, site: Site) -> Page | None:
     plain = {p.title for p in themselves(results, label)}
     for variant in results.variants:  # one problem at a time: its series are large
         _write(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
-    cards = [(p, sketch_of(results, p), best_and_worst(boxes_of(p, label)))
+    cards = [(p, sketch_of(results, p), farthest_and_nearest(boxes_of(p, label)))
              for p in results.variants if p.title in plain]  # fmt: skip
     return site.write(Page("Mechanisms", "mechanisms.html", nav=True, order=10), "mechanisms.html", cards=cards,
                       about=about_problem, title=mechanisms(results), unpredictable=unpredictable(results),
@@ -107,7 +107,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         plots=[p for c in chapters for p in c.plots],
         left_out=len(variant.runs) - len(lines),
         bodies=max((m.bodies for m in motions.values()), default=0), until=judged_until(variant.runs), own=judged_own,
-        sentence=best_and_worst(boxes), sketch=sketch_of(results, variant),
+        sentence=farthest_and_nearest(boxes), sketch=sketch_of(results, variant),
         about=about_problem(variant.problem), hard=why_hard(variant.problem), groups=groups, most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
         followed=list_followed(variant), extras=list(extras([k.run for k in lines])), events=events(motions.values()),
