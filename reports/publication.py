@@ -55,6 +55,8 @@ COUNTED = {  # in captions, where a panel has it
     "factorisation; one without counts half.",
     "evaluations": "Evaluations: residuals or right sides, as each solver counts its own.",
 }
+CROSS = "A cross marks a run that claims success and breaks a law."  # where there is one
+CLOCK = "CPU time: of the integration alone, on one machine{}."  # where a panel has it
 Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, what is shown, width [in], how it is drawn
 COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
 ROW, HEAD = 0.25, 0.75  # [in]
@@ -130,12 +132,15 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
     """Work and step against error of all runs; then of every label the laws, each alone and together."""
     own = own or looks_in_print(results.solvers)
     if len(variant.runs) >= LEAST and (work := plots_of(variant)):
-        counted = " ".join(words for kind, words in COUNTED.items() if any(p.x.title == kind for p in work))
-        caption = f"{variant.title}: work against error. {' '.join(filter(None, (WORK, counted)))}"
+        kinds, cpu = {p.x.title for p in work}, results.environment.get("cpu")
+        clock = CLOCK.format(f" ({cpu})" if isinstance(cpu, str) and cpu else "") if "CPU time" in kinds else ""
+        counted = [words for kind, words in COUNTED.items() if kind in kinds]
+        caption = " ".join(filter(None, (f"{variant.title}: work against error.", WORK, _cross(work), clock, *counted)))
         yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
     if ladders := convergence_plots(variant):
-        words = " ".join([CONVERGENCE, TRIANGLES] if any(p.triangles for p in ladders) else [CONVERGENCE])
-        caption = f"{variant.title}: error against step. {words}"
+        shown = TRIANGLES if any(p.triangles for p in ladders) else ""
+        head = f"{variant.title}: error against step."
+        caption = " ".join(filter(None, (head, CONVERGENCE, _cross(ladders), shown)))
         yield f"{variant.slug}-convergence", caption, DOUBLE, partial(figure, ladders, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():
@@ -160,8 +165,13 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
                 yield f"{base}-laws", _caption(title, shown), DOUBLE, partial(draw, shown)
 
 
+def _cross(plots: Sequence[Plot]) -> str:
+    return CROSS if any("wrong" in (t.end, *t.ends) for p in plots for t in p.traces) else ""
+
+
 def _caption(title: str, plots: Sequence[Plot]) -> str:
-    return f"{title}. " + " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
+    words = " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
+    return " ".join(filter(None, (f"{title}. {words}", _cross(plots))))
 
 
 def parts(runs: Sequence[Run]) -> list[list[Run]]:

@@ -13,6 +13,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.files import write_text
 from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
@@ -150,6 +151,20 @@ def test_captions_say_what_is_counted(results):
     made = {name: caption for p in results.variants for name, caption, _, _ in publication.figures_of(results, p)}
     assert "evaluation of the equations with its factorisation" in made["pendulum-work"]
     assert not any("factorisation" in caption for name, caption in made.items() if not name.endswith("-work"))
+
+
+def test_captions_name_what_a_cross_is_and_whose_clock(results, tmp_path):
+    """Where a figure has a false success, or CPU times, and there alone."""
+    made = {name: caption for p in results.variants for name, caption, _, _ in publication.figures_of(results, p)}
+    assert all(publication.CROSS in made[f"pendulum-recommended-{name}"] for name in ("energy", "laws"))
+    assert publication.CROSS in made["pendulum-work"] and "on one machine." in made["pendulum-work"]
+    for k in range(3):
+        put(tmp_path, record(f"aa0{k}", dt_s=0.1 / 2**k, position_error_max_m=0.01 / 4**k), series(40))
+    write_text(tmp_path / "environment.json", '{"cpu": "a processor"}')
+    found = read_results(tmp_path)
+    made = {name: caption for name, caption, _, _ in publication.figures_of(found, found.variants[0])}
+    assert "on one machine (a processor)." in made["pendulum-work"]
+    assert made.keys() >= {"pendulum-convergence"} and not any(publication.CROSS in c for c in made.values())
 
 
 def test_command_writes_figures_tables_and_captions(results, capsys):
