@@ -130,18 +130,24 @@ def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
 
 
 def roles_of(variant: Variant, label: str, site: Site) -> list[tuple[Run, str]]:
-    """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
+    """An accurate run that costs little, the paper's method, and a false success or, without one, the last in rank.
+
+    The false success is of an implicit method where there is one, which most codes in use are: it is not the worst.
+    """
     best_first = [b.run for b in rank(boxes_of(variant, label))]
-    cheapest = _cheapest_first(variant, site) or best_first
+    cheap, cheapest = "among the cheapest accurate", _cheapest_first(variant, site)
+    if not cheapest:
+        cheap, cheapest = "far below its limits", best_first
     paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.is_success),
                    key=lambda c: len(c.record.paper_label))  # fmt: skip
     sizes = {c.record.run_id: min(m.part, 1e9) if (m := margin(c)) else 0.0 for c in variant.runs}
-    worst = sorted(
-        (c for c in variant.runs if c.status == "wrong"), reverse=True,  # implicit methods, which most codes in use are
+    wrong = sorted(
+        (c for c in variant.runs if c.status == "wrong"), reverse=True,
         key=lambda c: (site.looks[c.record.solver].family == "implicit", sizes[c.record.run_id], c.record.run_id),
-    ) or best_first[1:][-1:]  # fmt: skip
+    )  # fmt: skip
+    last, end = (wrong, "a false success") if wrong else (best_first[1:][-1:], "nearest to a limit, or beyond")
     out: dict[str, tuple[Run, str]] = {}
-    for runs, words in ((cheapest, "cheapest accurate"), (paper, "the paper's"), (worst, "the worst")):
+    for runs, words in ((cheapest, cheap), (paper, "the paper's"), (last, end)):
         for run in [c for c in runs if c.record.series][:1]:
             out.setdefault(run.record.run_id, (run, words))
     return list(out.values())
