@@ -138,9 +138,9 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
         caption = " ".join(filter(None, (f"{variant.title}: work against error.", WORK, _cross(work), clock, *counted)))
         yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
     if ladders := convergence_plots(variant):
-        shown = TRIANGLES if any(p.triangles for p in ladders) else ""
+        slopes = TRIANGLES if any(p.triangles for p in ladders) else ""
         head = f"{variant.title}: error against step."
-        caption = " ".join(filter(None, (head, CONVERGENCE, _cross(ladders), shown)))
+        caption = " ".join(filter(None, (head, CONVERGENCE, _cross(ladders), slopes)))
         yield f"{variant.slug}-convergence", caption, DOUBLE, partial(figure, ladders, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():

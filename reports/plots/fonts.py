@@ -8,7 +8,6 @@ import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from matplotlib import font_manager
@@ -83,6 +82,9 @@ def _find_family(asked: str) -> str:
 
 @cache
 def _is_postscript(family: str) -> bool:
-    """Its file has PostScript outlines (OpenType with CFF), which matplotlib would embed as TrueType by mistake."""
-    with Path(str(font_manager.findfont(family))).open("rb") as file:
-        return file.read(4) == b"OTTO"
+    """Its file has PostScript outlines (OpenType with CFF), which matplotlib would embed as TrueType by mistake.
+
+    Such files have version 0.5 of the table ``maxp``, TrueType has 1.0.
+    """
+    table = font_manager.get_font(font_manager.findfont(family)).get_sfnt_table("maxp")
+    return table is None or table["version"] != (1, 0)
