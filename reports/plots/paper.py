@@ -5,13 +5,11 @@ Widths of a journal, 8 pt unless another font is asked for, vector files with fo
 
 import io
 import logging
-import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -21,12 +19,12 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from ...harness.places import Place
-from ..model.words import SUPERSCRIPTS
 from .fonts import DEFAULT_FONT, SIZE, SMALL, Font
 from .spec import DASHES, ENGINES, Axis, Look, Plot, Trace, Triangle
+from .ticks import log_axis, raise_digits
 
 ROOM = 0.8  # of the height of a panel: a legend over it would be larger than what it explains
 NAMED = 14  # traces that a legend names; of more, only the solvers
@@ -38,8 +36,6 @@ SINGLE, DOUBLE = 86.0 * MM, 176.0 * MM  # [in] one and two columns of a journal
 PNG_DPI = 200
 SUFFIXES = ("pdf", "svg", "png")
 INK, MUTED, PAPER = "#1c2126", "#5b646e", "#ffffff"
-LOWERED = {v: k for k, v in SUPERSCRIPTS.items()}
-RAISED = re.compile(f"[{''.join(map(chr, LOWERED))}]+")
 SHADE = "#eceff2"  # within slope triangles
 INKED = Look(INK, "o")  # of what belongs to no solver
 logging.getLogger("fontTools").setLevel(logging.ERROR)  # it warns of the date in matplotlib's own fonts
@@ -265,35 +261,6 @@ _PRINT: dict[str, Callable[[Figure, io.BytesIO], None]] = {
 }
 
 
-class Powers(LogFormatter):
-    """``10⁻⁵`` as text: setting mathematics for every tick takes as long as all the lines."""
-
-    _sublabels: set[float] | None  # of the base class
-
-    def set_locs(self, locs: Any = None) -> None:
-        """Where few powers of ten are seen, so many parts of a decade are labelled that none overlap."""
-        super().set_locs(locs)
-        low, high = self.axis.get_view_interval()
-        if self._sublabels and len(self._sublabels) > 1 and high > 2.0 * low:
-            self._sublabels = {1.0, 3.0} if high > 10.0 * low else {1.0, 2.0, 3.0, 5.0}
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        if not super().__call__(x, pos) or not x > 0.0:
-            return ""
-        mantissa, power = f"{x:.2e}".split("e")
-        shown = raise_digits(f"10{str(int(power)).translate(SUPERSCRIPTS)}")
-        return shown if float(mantissa) == 1.0 else f"{float(mantissa):g}×{shown}"
-
-
-def log_axis(ax: Axes, which: str = "y") -> None:
-    """Logarithmic, with at most about seven labelled decades; within one decade, parts of it are labelled."""
-    (ax.set_yscale if which == "y" else ax.set_xscale)("log")
-    axis = ax.yaxis if which == "y" else ax.xaxis
-    axis.set_major_locator(LogLocator(numticks=7))
-    axis.set_major_formatter(Powers())
-    axis.set_minor_formatter(Powers(labelOnlyBase=False))
-
-
 def mark_end(ax: Axes, end: str, x: float, y: float, colour: str) -> None:
     """A star where a run stopped early (``failed``), a cross where it is ``wrong``; nothing for a success."""
     if end:
@@ -306,10 +273,3 @@ def plain(text: str) -> str:
     """Any text as text: no mathematics in it, and nothing a font cannot show."""
     shown = "".join(c if c.isprintable() else " " for c in text)
     return raise_digits(shown.replace("\\", "/").replace("$", r"\$"))
-
-
-def raise_digits(text: str) -> str:
-    """Superscripts as mathematics where a font other than the default is asked for: few have all of them."""
-    if not mpl.rcParams["axes.formatter.use_mathtext"]:
-        return text
-    return RAISED.sub(lambda found: f"$^{{{found[0].translate(LOWERED)}}}$", text)

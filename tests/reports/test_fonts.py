@@ -19,8 +19,14 @@ from mbsbench.reports.plots.fonts import COMPUTER_MODERN, DEFAULT_FONT, Font, fi
 
 from .conftest import every_kind
 
-BUNDLED = ("DejaVu Serif", "STIXGeneral", "cmr10")  # those of matplotlib, everywhere
-FAMILY = {"DejaVu Serif": "DejaVuSerif", "STIXGeneral": "STIX", "cmr10": "Cm", "DejaVu Sans": "DejaVuSans"}
+BUNDLED = ("DejaVu Serif", "STIXGeneral", "cmr10", "DejaVu Sans Mono")  # those of matplotlib, everywhere
+FAMILY = {
+    "DejaVu Serif": "DejaVuSerif",
+    "STIXGeneral": "STIX",
+    "cmr10": "Cm",
+    "DejaVu Sans Mono": "DejaVuSansMono",
+    "DejaVu Sans": "DejaVuSans",
+}
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.reports import site
-from mbsbench.reports.model.frontier import answer, costs, engines_first, frontiers, of_most_problems
+from mbsbench.reports.model.frontier import answer, engines_first, frontiers, of_most_problems
 from mbsbench.reports.model.results import Run, Variant, read_results
 from mbsbench.reports.model.scores import finest, score, standings, unpredictable
 from mbsbench.reports.model.tracking import list_followed
@@ -135,26 +135,6 @@ def test_each_undecided_lead_says_why(tmp_path):
     assert title(at).startswith("At 0.001 m, alpha is cheapest on 2 of 4 problems, 2 not decided; ")
     undecided = [f for f in at if f.doubt]
     assert title(undecided).startswith("At 0.001 m, the cheapest is decided on none of 2 problems; ")
-
-
-def test_solvers_that_lead_as_often_are_all_named(tmp_path):
-    """The first in the alphabet is no winner."""
-    for problem, (alpha, beta) in {"arm": (1e-3, 2e-3), "bar": (2e-3, 1e-3)}.items():
-        ladder(tmp_path, "alpha", 4.0, alpha, problem=problem)
-        ladder(tmp_path, "beta", 4.0, beta, problem=problem)
-    found = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
-    assert title(found).startswith("At 0.001 m, alpha and beta are each cheapest on 1 of 2 problems; ")
-
-
-def test_who_does_not_get_there_because_it_is_wrong_is_so_at_a_setting(tmp_path):
-    """How many of its runs, and the finest of them."""
-    for solver in ("alpha", "beta"):
-        ladder(tmp_path, solver, 4.0, 1e-3)
-    ladder(tmp_path, "delta", 4.0, 1e-6, status="wrong")
-    results = read_results(tmp_path)
-    (race,) = costs(results, frontiers(results), lambda run: "")
-    finest = 0.1 / 2 ** HALVINGS[-1]
-    assert race["solvers"]["delta"]["why"] == f"✗ 9 of 9 runs report success and are wrong, finest dt = {finest:g} s"
 
 
 def test_a_presentation_has_no_frontier(tmp_path):

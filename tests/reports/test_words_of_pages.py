@@ -8,12 +8,15 @@ import pytest
 from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.types import Law, Reason
 from mbsbench.reports import site
+from mbsbench.reports.model.frontier import costs, frontiers
 from mbsbench.reports.model.margin import SHARE, describe_break
 from mbsbench.reports.model.results import read_results
+from mbsbench.reports.pages.judged.cost import title
 from mbsbench.reports.pages.runs.overview import false_successes
 
 from .conftest import put, record, series
 from .outline import Outline
+from .test_frontier import HALVINGS, ladder
 from .test_heat import broken, moving
 
 LONG = '{"coordinates": "euler313", "lambda_in_error_test": true, "accelerations": "eliminated"}'
@@ -99,3 +102,23 @@ def test_reasons_that_have_no_words_of_their_own_are_still_told(tmp_path):
     cards, _ = false_successes(read_results(tmp_path), "recommended")
     (card,) = [c for c in cards if not c["published"]]
     assert card["broken"] == "mirrored motion reaches 2.00 m, 2.0 times the 1.00 m allowed"
+
+
+def test_solvers_that_lead_as_often_are_all_named(tmp_path):
+    """The first in the alphabet is no winner."""
+    for problem, (alpha, beta) in {"arm": (1e-3, 2e-3), "bar": (2e-3, 1e-3)}.items():
+        ladder(tmp_path, "alpha", 4.0, alpha, problem=problem)
+        ladder(tmp_path, "beta", 4.0, beta, problem=problem)
+    found = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
+    assert title(found).startswith("At 0.001 m, alpha and beta are each cheapest on 1 of 2 problems; ")
+
+
+def test_who_does_not_get_there_because_it_is_wrong_is_so_at_a_setting(tmp_path):
+    """How many of its runs, and the finest of them."""
+    for solver in ("alpha", "beta"):
+        ladder(tmp_path, solver, 4.0, 1e-3)
+    ladder(tmp_path, "delta", 4.0, 1e-6, status="wrong")
+    results = read_results(tmp_path)
+    (race,) = costs(results, frontiers(results), lambda run: "")
+    finest = 0.1 / 2 ** HALVINGS[-1]
+    assert race["solvers"]["delta"]["why"] == f"✗ 9 of 9 runs report success and are wrong, finest dt = {finest:g} s"
