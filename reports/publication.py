@@ -146,7 +146,7 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
     for label, runs in variant.labels().items():
         if len(runs) > MAP:
             continue
-        for part in parts(runs):
+        for part in (divided := parts(runs)):
             base = slug(f"{variant.slug}-{label or 'all'}", taken)
             drawing = draw_runs(results, part, variant.runs)
             chapter = laws(drawing)
@@ -156,6 +156,9 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
                       for k in drawing.lines if not drawing.motions[k.run.record.run_id].has_steps]  # fmt: skip
             draw = partial(figure, looks=own, unseen=unseen)
             title = f"{variant.title}, {label or 'all runs'}"
+            if len(divided) > 1:  # of the solvers in their order
+                ends = dict.fromkeys((part[0].record.solver, part[-1].record.solver))
+                title += f", figure {divided.index(part) + 1} of {len(divided)}: {' to '.join(ends)}"
             for name, panels in ALONE.items():
                 shown = [plots[k] for k in panels if k in plots]
                 if shown:

@@ -224,8 +224,13 @@ def test_many_runs_are_parted_by_solver(tmp_path):
     """No figure has more lines than one can tell apart, where one solver does not have more."""
     runs = [record(f"{k:04x}", f"solver{k // 4}") for k in range(32)]
     for c in runs:
-        put(tmp_path, c)
-    found = publication.parts(read_results(tmp_path).runs)
+        put(tmp_path, c, series(20))
+    results = read_results(tmp_path)
+    found = publication.parts(results.runs)
+    made = {name: caption for name, caption, _, _ in publication.figures_of(results, results.variants[0])}
+    for k, part in enumerate(found, 1):  # a figure of some solvers says of which
+        ends = f"figure {k} of {len(found)}: {part[0].record.solver} to {part[-1].record.solver}. "
+        assert ends in made["pendulum-recommended-energy" if k == 1 else f"pendulum-recommended-{k}-energy"]
     assert sum(map(len, found)) == 32 and max(map(len, found)) <= publication.MOST
     assert all(len({c.record.solver for c in a} & {c.record.solver for c in b}) == 0
                for a in found for b in found if a is not b)  # fmt: skip
