@@ -405,6 +405,10 @@ def _add_figures(commands: Any) -> None:
     p.add_argument("--only", action="append", default=[], metavar="NAME", help=only)
     called = "what a solver is called there, e.g. gc_weak_form=ODE-GC; may be repeated"
     p.add_argument("--name", action="append", default=[], metavar="SOLVER=TEXT", help=called)
+    words = "installed font family of text and mathematics, or latex: that of LaTeX documents (default: DejaVu Sans)"
+    p.add_argument("--font", default="", metavar="FAMILY", help=words)
+    size = "size of titles and labels [pt]; ticks and legends are 7/8 of it (default: 8)"
+    p.add_argument("--font-size", type=positive_float, metavar="PT", help=size)
 
 
 def _add_completion(commands: Any) -> None:

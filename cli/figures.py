@@ -15,12 +15,14 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--name is for figures of your own; those of --paper have the paper's names")
     from ..reports import publication  # here: they take a second to load
     from ..reports.paper import build as paper
+    from ..reports.plots.fonts import find_font
 
+    font = find_font(arguments.font, arguments.font_size)
     out = console()
     with store.in_use(folder):
         if arguments.paper:
-            paper.command(folder, arguments.only, load_suite("paper").specs, out.print)
+            paper.command(folder, arguments.only, load_suite("paper").specs, out.print, font=font)
         else:
-            publication.command(folder, arguments.only, out.print, parse_assignments(arguments.name, "--name"))
+            publication.command(folder, arguments.only, out.print, parse_assignments(arguments.name, "--name"), font)
     out.print(f"figures: {folder / (paper if arguments.paper else publication).FOLDER}")
     return 0

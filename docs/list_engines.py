@@ -95,14 +95,19 @@ def tables() -> str:
     ]  # fmt: skip
     names = sorted({who for one in every for who in one["pairs"]})
     lines += [f"| `{who}` | " + " | ".join(_cell(one["pairs"].get(who)) for one in every) + " |" for who in names]
-    lines += ["", f"The cheapest runs within {target:g}:", ""]
+    words = (
+        f"The cheapest runs within {target:g}, each contestant with the best of its settings. ≈: the next takes less "
+    )
+    lines += ["", fill(f"{words}than {EQUAL:g} times as long: which is cheaper is not decided.", 138), ""]
     lines += ["| problem | cheapest | next | cheapest engine |", "|---|---|---|---|"]
     for one in every:
         best = {who: pair["best"] for who, pair in one["pairs"].items() if _within(pair["best"], target)}
         order = sorted((run["cpu_s"], who) for who, run in best.items())
         engine = next((pair for pair in order if pair[1] not in OURS), None)
         shown = [*order[:2], *[None] * (2 - len(order[:2])), engine]
-        lines.append(f"| {one['problem']} | " + " | ".join(_cost(pair) for pair in shown) + " |")
+        tie = " ≈" * (len(order) > 1 and order[1][0] < EQUAL * order[0][0])
+        cells = [_cost(shown[0]) + tie, *(_cost(pair) for pair in shown[1:])]
+        lines.append(f"| {one['problem']} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 

@@ -19,8 +19,10 @@ from .model.heat import Heat, heat
 from .model.margin import LEVELS
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
+from .plots.convergence import convergence_plots
+from .plots.fonts import DEFAULT_FONT, Font
 from .plots.laws import draw_runs, laws
-from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, sheet
+from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, figure, plain, save, scale, sheet, small
 from .plots.spec import Look, Plot, Trace, looks_in_print
 from .plots.work import plots_of
 from .rendering import render
@@ -41,11 +43,20 @@ WORK = (
     "early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie on the "
     "dotted line."
 )
+CONVERGENCE = (
+    "Lines join the steps or tolerances of the same settings; a run that stopped early (star) has the error up to "
+    "there and is not comparable. Zeros lie on the dotted line."
+)
+TRIANGLES = (  # where there are some
+    "Triangles: slopes of the whole orders that at least three runs in a row follow to 0.2; the order stands beside."
+)
 COUNTED = {  # in captions, where a panel has it
     "index-1 evaluations": "Index-1 evaluations: one unit for all solvers, an evaluation of the equations with its "
     "factorisation; one without counts half.",
     "evaluations": "Evaluations: residuals or right sides, as each solver counts its own.",
 }
+CROSS = "A cross marks a run that claims success and breaks a law."  # where there is one
+CLOCK = "CPU time: of the integration alone, on one machine{}."  # where a panel has it
 Printed = tuple[str, str, float, Callable[[], Figure]]  # name of the files, what is shown, width [in], how it is drawn
 COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
 ROW, HEAD = 0.25, 0.75  # [in]
@@ -53,11 +64,12 @@ SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "op
 
 
 def command(
-    folder: Path, only: Sequence[str], tell: Callable[[str], None], names: Mapping[str, str] | None = None
-) -> list[Path]:
+    folder: Path, only: Sequence[str], tell: Callable[[str], None], names: Mapping[str, str] | None = None,
+    font: Font = DEFAULT_FONT,
+) -> list[Path]:  # fmt: skip
     """The command ``mbsbench figures``; ``only`` are names of variants, or of problems that have none of that name.
 
-    Solvers are called by ``names``, where they have one there.
+    Solvers are called by ``names``, where they have one there; letters are those of ``font``.
     """
     results = read_results(Path(folder), check_series=False)
     results, own = _rename_solvers(results, looks_in_print(results.solvers), names or {})
@@ -71,7 +83,7 @@ def command(
 
     def keep(printed: Printed, place: Place, problem: str = "") -> None:
         name, caption, width, draw = printed
-        made = save(draw, place, name, SUFFIXES)
+        made = save(draw, place, name, SUFFIXES, font)
         files.extend(made)
         captions.append({"name": name, "caption": caption, "problem": problem, "width_mm": round(width * 25.4, 1),
                          "files": [p.relative_to(out.path).as_posix() for p in made]})  # fmt: skip
@@ -117,17 +129,24 @@ def describe_table(variant: Variant) -> str:
 
 
 def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | None = None) -> Iterator[Printed]:
-    """Work against error of all runs; then of every label the laws, each alone and together."""
+    """Work and step against error of all runs; then of every label the laws, each alone and together."""
     own = own or looks_in_print(results.solvers)
     if len(variant.runs) >= LEAST and (work := plots_of(variant)):
-        counted = " ".join(words for kind, words in COUNTED.items() if any(p.x.title == kind for p in work))
-        caption = f"{variant.title}: work against error. {' '.join(filter(None, (WORK, counted)))}"
+        kinds, cpu = {p.x.title for p in work}, results.environment.get("cpu")
+        clock = CLOCK.format(f" ({cpu})" if isinstance(cpu, str) and cpu else "") if "CPU time" in kinds else ""
+        counted = [words for kind, words in COUNTED.items() if kind in kinds]
+        caption = " ".join(filter(None, (f"{variant.title}: work against error.", WORK, _cross(work), clock, *counted)))
         yield f"{variant.slug}-work", caption, DOUBLE, partial(figure, work, own, height=2.3)
+    if ladders := convergence_plots(variant):
+        slopes = TRIANGLES if any(p.triangles for p in ladders) else ""
+        head = f"{variant.title}: error against step."
+        caption = " ".join(filter(None, (head, CONVERGENCE, _cross(ladders), slopes)))
+        yield f"{variant.slug}-convergence", caption, DOUBLE, partial(figure, ladders, own, height=2.3)
     taken: set[str] = set()
     for label, runs in variant.labels().items():
         if len(runs) > MAP:
             continue
-        for part in parts(runs):
+        for part in (divided := parts(runs)):
             base = slug(f"{variant.slug}-{label or 'all'}", taken)
             drawing = draw_runs(results, part, variant.runs)
             chapter = laws(drawing)
@@ -137,6 +156,9 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
                       for k in drawing.lines if not drawing.motions[k.run.record.run_id].has_steps]  # fmt: skip
             draw = partial(figure, looks=own, unseen=unseen)
             title = f"{variant.title}, {label or 'all runs'}"
+            if len(divided) > 1:  # of the solvers in their order
+                ends = dict.fromkeys((part[0].record.solver, part[-1].record.solver))
+                title += f", figure {divided.index(part) + 1} of {len(divided)}: {' to '.join(ends)}"
             for name, panels in ALONE.items():
                 shown = [plots[k] for k in panels if k in plots]
                 if shown:
@@ -146,8 +168,13 @@ def figures_of(results: Results, variant: Variant, own: Mapping[str, Look] | Non
                 yield f"{base}-laws", _caption(title, shown), DOUBLE, partial(draw, shown)
 
 
+def _cross(plots: Sequence[Plot]) -> str:
+    return CROSS if any("wrong" in (t.end, *t.ends) for p in plots for t in p.traces) else ""
+
+
 def _caption(title: str, plots: Sequence[Plot]) -> str:
-    return f"{title}. " + " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
+    words = " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
+    return " ".join(filter(None, (f"{title}. {words}", _cross(plots))))
 
 
 def parts(runs: Sequence[Run]) -> list[list[Run]]:
@@ -162,7 +189,7 @@ def parts(runs: Sequence[Run]) -> list[list[Run]]:
 
 def heat_figure(heat: Heat) -> Figure:
     """One row a solver, one column a problem; the number is the margin."""
-    out = sheet(DOUBLE, ROW * len(heat.rows) + HEAD)
+    out = sheet(DOUBLE, scale() * (ROW * len(heat.rows) + HEAD))
     ax = out.add_subplot()
     for y, row in enumerate(heat.rows):
         for x, box in enumerate(row.boxes):
@@ -171,13 +198,14 @@ def heat_figure(heat: Heat) -> Figure:
             if box is not None:
                 loud = box.level == len(LEVELS)
                 words = plain(f"{SIGNS[box.mark.kind]}{box.text}")
-                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=7, color=PAPER if loud else INK)
+                ink = PAPER if loud else INK
+                ax.text(x + 0.5, y + 0.53, words, ha="center", va="center", fontsize=small(), color=ink)
     ax.set(xlim=(0, len(heat.problems)), ylim=(len(heat.rows), 0))
     columns, rows = (np.arange(len(of)) + 0.5 for of in (heat.problems, heat.rows))
     heads = ([plain(w) for w in (p.problem.replace("_", " "), p.parameters) if w] for p in heat.problems)
     ax.set_xticks(columns, ["\n".join(w.replace(" ", "\n", (len(w) - 1) // 14) for w in words) for words in heads])
     names = ["\n".join(plain(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
-    ax.set_yticks(rows, names, fontsize=7)
+    ax.set_yticks(rows, names, fontsize=small())
     ax.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)

@@ -14,7 +14,7 @@ from ..harness.results.judgements.runs import Order
 from .model.frontier import frontiers, of_most_problems
 from .model.results import Results, group_by, read_results, stamp
 from .model.tracking import list_followed
-from .pages.judged.orders import by_case, fit_of, ladders
+from .pages.judged.orders import by_case, fit_of, ladders, put_triangles
 from .pages.runs.solvers import card_of
 from .plots.laws import draw_runs, laws
 from .plots.paper import figure, save
@@ -22,6 +22,10 @@ from .plots.spec import Look, Plot, Trace, looks
 from .plots.work import plots_of
 from .rendering import write_file
 
+ORDERS = (
+    "observed order: error against step with the fitted line; dashed, the declared order; a triangle has the whole "
+    "order that is within 0.2 of the fit."
+)
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 
 
@@ -43,8 +47,7 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[dict[str, str
     chart = partial(draw_chart, looks=looks(results.solvers))
     for title, ladder in group_by(orders, lambda o: o.variant).items():
         if plots := _orders(ladder):
-            words = "observed order: error against step with the fitted line; dashed, the declared order."
-            yield chart(f"{title}: {words}", plots)
+            yield chart(f"{title}: {ORDERS}", plots)
     for run in (r for r in results.runs if r.record.label == "long"):
         if found := laws(draw_runs(results, [run], [run])):
             yield chart(f"Over {run.record.t_reached_s:g} s of {run.variant}.", found.plots)
@@ -63,7 +66,8 @@ def _orders(orders: Sequence[Order]) -> list[Plot]:
                 x, y = fit
                 line = y[0] * (x / x[0]) ** o.declared
                 declared.append(Trace(f"declared: order {o.declared:g}", x, line, dash=1))
-            plots.append(replace(plot, title=o.quantity, traces=(*plot.traces, *declared)))
+            whole = replace(plot, title=o.quantity, traces=(*plot.traces, *declared))
+            plots.append(put_triangles(whole, [o]))  # clear of the declared line, too
     return plots
 
 

@@ -52,7 +52,7 @@
     const good = (v) => Number.isFinite(v) && (!log || v > 0);
     if (!good(low) || !good(high)) {
       const keys = which === "y" ? ["y", "low", "high"] : ["x", "left", "right"];
-      const all = own.flatMap((t) => keys.flatMap((k) => t[k] || [])).map((v) => (log && v === 0 ? floor : v)).filter(good);
+      const all = [...own, ...(plot.x.log && plot.y.log ? plot.triangles || [] : [])].flatMap((t) => keys.flatMap((k) => t[k] || [])).map((v) => (log && v === 0 ? floor : v)).filter(good);
       const [a, b] = all.length ? all.reduce(([p, q], v) => [Math.min(p, v), Math.max(q, v)], [Infinity, -Infinity]) : [log ? 1e-3 : 0, 1];
       const room = log ? Math.max((b / a) ** 0.06, 1.3) : 0.06 * (b - a || Math.abs(b) || 1);
       if (!good(low)) low = log ? a / room : a - room;
@@ -86,6 +86,12 @@
     parts.push(`<path class="axis" d="M${left} ${top}V${bottom}H${right}"/>`, text((left + right) / 2, h - 6, axisTitle(plot.x), 'text-anchor="middle" class="name"'),
       `<text transform="translate(12 ${(top + bottom) / 2}) rotate(-90)" text-anchor="middle" class="name">${escaped(axisTitle(plot.y))}</text>`);
     for (const [words, values] of Object.entries(plot.marks || {})) for (const v of values) parts.push(`<path class="mark-line" d="M${X(v).toFixed(1)} ${top}V${bottom}"/>`, text(X(v) - 4, bottom - 6, words, 'text-anchor="end" class="halo"'));
+    for (const { order, x: [x0, x1], y: [y0, y1] } of plot.x.log && plot.y.log ? plot.triangles || [] : []) { // a slope has its meaning on two logarithmic axes alone
+      const inside = [x0, x1].every((v) => v >= range.x[0] && v <= range.x[1]) && [y0, y1].every((v) => v >= range.y[0] && v <= range.y[1]);
+      if (!inside) continue;
+      parts.push(`<path class="slope" d="M${X(x0).toFixed(1)} ${Y(y0).toFixed(1)}H${X(x1).toFixed(1)}V${Y(y1).toFixed(1)}z"/>`,
+        text((X(x0) + X(x1)) / 2, Y(y0) + 12, "1", 'text-anchor="middle"'), text(X(x1) + 4, (Y(y0) + Y(y1)) / 2 + 4, order));
+    }
     const clip = `clip-${plot.name.replace(/[^\w-]/g, "-")}`;
     const order = [...own].sort((a, b) => (!a.solver - !b.solver) * -1 || lit.has(a.solver) - lit.has(b.solver));
     for (const t of order) {
@@ -227,7 +233,7 @@
   // for papers: the light theme, whatever the page wears, all lines in colour with their names
   const svg = (plot) => {
     const colours = { "--ink": "#1c2126", "--muted": "#57606a", "--rule": "#dfe3e8", "--card": "#ffffff", "--ghost": "#b6bcc3" };
-    const style = "text{font:11px sans-serif;fill:#57606a}.name{fill:#1c2126;font-size:12px}.halo{paint-order:stroke;stroke:#fff;stroke-width:3px}.grid{stroke:#dfe3e8;fill:none}.axis{stroke:#57606a;fill:none}.line{fill:none}.mark-line{stroke:#57606a;stroke-dasharray:2 3}";
+    const style = "text{font:11px sans-serif;fill:#57606a}.name{fill:#1c2126;font-size:12px}.halo{paint-order:stroke;stroke:#fff;stroke-width:3px}.grid{stroke:#dfe3e8;fill:none}.axis{stroke:#57606a;fill:none}.line{fill:none}.mark-line{stroke:#57606a;stroke-dasharray:2 3}.slope{stroke:#57606a;fill:#dfe3e8;fill-opacity:.4}";
     const inside = drawing(plot, 720, 460, true).replace(/color-mix\(in srgb, (#\w+|var\(--\w+\)) 78%, var\(--ink\)\)/g, "$1").replace(/var\((--\w+)\)/g, (_, k) => colours[k]);
     render(plot);
     return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 460" width="720" height="460"><style>${style}</style><rect width="720" height="460" fill="#fff"/>${inside}</svg>`;

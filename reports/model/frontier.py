@@ -12,7 +12,7 @@ from .accuracy import Measure, measure_for
 from .catalogue import is_engine
 from .results import Results, Run, Variant, by_solver, group_by, text_of
 from .variants import presentation
-from .words import decade, mark, number, plural, seconds
+from .words import claim_success, decade, mark, number, plural, seconds
 
 TARGETS = tuple(10.0**-k for k in range(1, 12))  # in the unit of the problem's error
 SOUND = ("success", "inaccurate")
@@ -205,8 +205,12 @@ def _costs(variant: Variant, found: Sequence[Frontier], url: Callable[[Run], str
 def answer(f: Frontier) -> str:
     """``rkmk_dop853 needs 9.54 ms of CPU time; 9 of 21 solvers do not get there``."""
     best, missed = f.places[0], len(f.missed) + len(f.refused)
-    least = f"{best.run.record.solver} needs {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"
-    return f"{least}; {missed} of {len(f.places) + missed} solvers do not get there" if missed else least
+    parts = [f"{best.run.record.solver} needs {'at most ' if best.bound else ''}{seconds(best.cpu_s)} of CPU time"]
+    if f.doubt:
+        parts.append(f"who is the cheapest is not decided, {f.doubt_words}")
+    if missed:
+        parts.append(f"{missed} of {len(f.places) + missed} solvers do not get there")
+    return "; ".join(parts)
 
 
 def advise(variant: Variant, target: float) -> str:
@@ -219,11 +223,12 @@ def advise(variant: Variant, target: float) -> str:
 
 def _why(runs: Sequence[Run], best: float | None, unit: str) -> str:
     """Why a solver is not in the race."""
-    wrong = [c for c in runs if c.status == "wrong"]
+    wrong = sorted((c for c in runs if c.status == "wrong"), key=lambda c: c.finest_first)
     if best is not None:
         return f"best {length(float(f'{best:.1e}'), unit)}" if best > 0.0 else f"best 0 {unit}"
     if wrong:
-        return f"{mark('wrong').symbol} reports success, is wrong"
+        words = f"{len(wrong)} of {plural(len(runs), 'run')} {claim_success(len(wrong))}"
+        return f"{mark('wrong').symbol} {words}, finest {wrong[0].step_words}"
     return mark(runs[0].status).word
 
 

@@ -9,11 +9,12 @@ from .margin import Margin, margin
 from .results import Results, Run, Variant, by_solver
 from .scores import finest
 from .variants import broadest, plain_runs, themselves
-from .words import Mark, mark, number, plural
+from .words import Mark, join_words, mark, number, plural
 
 FEW = 0.5  # of the solvers: a variant that fewer ran is no column, or their counts would not compare
 RANKS = ("good", "inaccurate", "failed", "wrong", "open", "refused")  # of endings, best first; the last have no error
 LEAST = 1e-16  # margins below are equal
+EQUAL = 1.1  # ratio of margins that are equal: a tenth of a margin is no difference between solvers
 
 
 @dataclass(frozen=True)
@@ -106,8 +107,8 @@ class Heat:
         apart = " (each set of parameters counted)" * (len({v.problem for v in self.problems}) < len(self.problems))
         name = self.problems[0].title if len(self.problems) == 1 else f"all {len(self.problems)} problems{apart}"
         ran = "" if len(complete) == len(self.rows) else f" that ran {name}"
-        stay = f"{'stays' if whole == 1 else 'stay'} within every limit"
-        return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}{'' if ran else f' on {name}'}"
+        stay = f"{'stays' if whole == 1 else 'stay'} within every limit{'' if ran else f' on {name}'}"
+        return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}, each at its finest setting"
 
 
 def rank(boxes: Iterable[Box]) -> list[Box]:
@@ -115,16 +116,24 @@ def rank(boxes: Iterable[Box]) -> list[Box]:
     return sorted((b for b in boxes if b.mark.kind not in ("open", "refused")), key=lambda b: b.order)
 
 
-def best_and_worst(boxes: Sequence[Box]) -> str:
-    """Both with the error that is nearest to its limit."""
+def farthest_and_nearest(boxes: Sequence[Box]) -> str:
+    """Who stays farthest below its limits and who does not, each with its setting and its largest share of a limit.
+
+    Settings differ, so that neither is called the best; those within ``EQUAL`` of the first are named with it.
+    """
     ranked = rank(boxes)
     if len(ranked) < 2:
         return f"{ranked[0].words}." if ranked else "Every solver refused it."
-    best, worst = (
+    first, last = (
         f"{b.run.record.solver} ({b.run.step_words}): {'' if b.run.is_success else b.mark.word + ', '}"
         f"{b.why or 'no error is known'}" for b in (ranked[0], ranked[-1])
     )  # fmt: skip
-    return f"Best is {best}. Worst is {worst}."
+    kind, part = ranked[0].order
+    alike = [b.run.record.solver for b in ranked[1:] if b.order[0] == kind and b.order[1] <= EQUAL * part]
+    if len(alike) == len(ranked) - 1:
+        return f"Each solver at its finest setting: all {len(ranked)} stay as far below their limits, such as {first}."
+    beside = f"; as far {'is' if len(alike) == 1 else 'are'} {join_words(alike)}" if alike else ""
+    return f"Each solver at its finest setting: farthest below its limits is {first}{beside}. Last is {last}."
 
 
 def boxes_of(variant: Variant, label: str) -> list[Box]:

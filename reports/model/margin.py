@@ -42,6 +42,19 @@ class Margin:
         return f"{law_of(e)} is {number(e.value)} of {number(e.limit)} {e.unit}".strip() + " allowed"
 
 
+def describe_break(e: Reason) -> str:
+    """``the energy error reaches 3 J, 30 times the 0.1 J allowed, first at 0.2 s``."""
+    part = Margin(e).part
+    if not math.isfinite(part):
+        return words_of(e)
+    first = "" if math.isnan(e.time_s) else f", first at {number(e.time_s)} s"
+    times = f"{number(part, 2)} times "
+    if e.unit == SHARE:
+        return f"{law_of(e)} reaches {times}its limit{first}"
+    value, limit = (f"{number(v)} {e.unit}".strip() for v in (e.value, e.limit))
+    return f"{law_of(e)} reaches {value}, {times}the {limit} allowed{first}"
+
+
 def margin(run: Run) -> Margin | None:
     """Margin of the error that is the largest part of its limit; None for a run without a step to measure."""
     broken = reasons_of(run.record.wrong_because)

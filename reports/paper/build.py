@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from ...harness.places import Place
 from ..mechanism.segments import picture_of
 from ..model.results import Results, read_results
-from ..plots.paper import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, set_limits, sheet
+from ..plots.fonts import DEFAULT_FONT, Font
+from ..plots.paper import DOUBLE, MUTED, SINGLE, SUFFIXES, Legend, label, panel, plain, save, set_limits, sheet, small
 from ..plots.spec import Look, Plot, Trace, looks
 from .captions import FOLDER, Caption, caption, write
 from .catalogue import FIGURES, Panel, PaperFigure, Sketch
@@ -23,7 +24,7 @@ COLUMNS = 12
 
 
 def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Callable[[str], None] = lambda words: None,
-            suffixes: Sequence[str] = SUFFIXES) -> list[Caption]:  # fmt: skip
+            suffixes: Sequence[str] = SUFFIXES, font: Font = DEFAULT_FONT) -> list[Caption]:  # fmt: skip
     """The command ``mbsbench figures --paper``; ``only`` are names of figures, ``specs`` the runs of the suite."""
     names = [s.name for s in FIGURES]
     unknown = [name for name in only if name not in names]
@@ -31,7 +32,7 @@ def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Cal
         raise ValueError(f"no figure {unknown[0]!r}; there are {', '.join(names)}")
     results, out = read_results(Path(folder), check_series=False), []
     for figure in (s for s in FIGURES if s.name in only or not only):
-        out.append(one(results, figure, specs, suffixes))
+        out.append(one(results, figure, specs, suffixes, font))
         missing = sum(not c.run_id for c in out[-1].runs)
         words = f" ({missing} of {len(out[-1].runs)} runs missing)" if missing else ""
         tell(f"{figure.name}: {figure.title}{words}")
@@ -39,11 +40,13 @@ def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Cal
     return out
 
 
-def one(results: Results, figure: PaperFigure, specs: Sequence[Asked], suffixes: Sequence[str] = SUFFIXES) -> Caption:
+def one(results: Results, figure: PaperFigure, specs: Sequence[Asked], suffixes: Sequence[str] = SUFFIXES,
+        font: Font = DEFAULT_FONT) -> Caption:  # fmt: skip
     """Draw one figure and write its caption."""
     lines = choose(figure.picks, specs, results.runs, results.readable_series)
     own = looks({*results.solvers, *(k.asked.solver for k in lines)})
-    files = save(lambda: draw(figure, lines, own), Place(results.folder) / FOLDER, figure.name, suffixes)
+    files = save(lambda: draw(figure, lines, own), Place(results.folder) / FOLDER, figure.name, suffixes,
+                 font)  # fmt: skip
     return caption(figure, lines, results.folder, [p.name for p in files])
 
 
@@ -109,6 +112,6 @@ def _band(ax: Axes, plot: Plot, lines: Sequence[Line]) -> None:
     low, high = (record.energy_start_J + s * record.energy_allowed_J for s in (-1.0, 1.0))
     if low < plot.y.low and high > plot.y.high:
         words = f"allowed: within {record.energy_allowed_J:g} J of the start, beyond this axis"
-        ax.text(0.02, 0.98, words, transform=ax.transAxes, va="top", color=MUTED, fontsize=7)
+        ax.text(0.02, 0.98, words, transform=ax.transAxes, va="top", color=MUTED, fontsize=small())
     else:
         ax.axhspan(max(low, plot.y.low), min(high, plot.y.high), color=MUTED, alpha=0.13, linewidth=0)

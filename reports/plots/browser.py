@@ -104,6 +104,7 @@ def for_browser(plots: Sequence[Plot], looks: Mapping[str, Look]) -> dict[str, A
     found = {p.name: {"title": p.finding or p.title, "x": _axis(p.x), "y": _axis(p.y),
                       "traces": [_trace(t, looks, p, texts) for t in p.traces],
                       "marks": {k: list(v) for k, v in p.marks.items()}, "focus": list(p.focus),
+                      **({"triangles": [vars(t) for t in p.triangles]} if p.triangles else {}),
                       "name": p.title} for p in plots}  # fmt: skip
     return {"texts": list(texts), "plots": found}
 

@@ -95,7 +95,8 @@ class Drawing:
             if not any(t.y.any() for t in own):
                 caption = f"Exactly zero throughout. {caption}"
             found = self.extremes(curve, until)
-            finding = f"{title}: " + " to ".join(f"{number(v)} {axis.unit} ({who})" for v, who in found)
+            ends = " to ".join(f"{number(v)} {axis.unit} ({who})" for v, who in found)
+            finding = f"{title} at the finest settings: {ends}"
             focus = tuple(dict.fromkeys([*(who for _, who in found), *self.focus]))[:MOST]
             axis = replace(axis, log=True, low=low, high=high)
             yield Plot(name, title, caption, t or self.axis, axis, [*own, *extra], focus=focus if self.focus else (),
@@ -158,8 +159,9 @@ def observables(d: Drawing) -> Chapter | None:
         axis = Axis(name, in_unit, low=low, high=high)
         ends = (f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.extremes(f"away_{name}"))
         off = " to ".join(ends)
+        finding = f"{name} at the finest settings: off by {off}" if off else ""
         plots.append(Plot(f"obs-{name}", name, caption, d.known_axis if known else d.axis, axis, [*own, *known],
-                          focus=d.focus, finding=f"{name}: off by {off}" if off else ""))  # fmt: skip
+                          focus=d.focus, finding=finding))  # fmt: skip
         plots += d.log(f"away_{name}", f"away-{name}", f"{name}: distance from the reference",
                        f"Magnitude, {d.largest}.", Axis("|difference|", in_unit), high - low, (),
                        d.known_axis)  # fmt: skip

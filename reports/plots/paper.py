@@ -1,15 +1,15 @@
 """Plots for print: panels of a figure with one legend, drawn from the same plots as those of the pages.
 
-Widths of a journal, 8 pt, vector files with fonts inside.
+Widths of a journal, 8 pt unless another font is asked for, vector files with fonts inside.
 """
 
 import io
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -19,11 +19,12 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatter, LogLocator, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from ...harness.places import Place
-from ..model.words import SUPERSCRIPTS
-from .spec import DASHES, ENGINES, Axis, Look, Plot, Trace
+from .fonts import DEFAULT_FONT, SIZE, SMALL, Font
+from .spec import DASHES, ENGINES, Axis, Look, Plot, Trace, Triangle
+from .ticks import log_axis, raise_digits
 
 ROOM = 0.8  # of the height of a panel: a legend over it would be larger than what it explains
 NAMED = 14  # traces that a legend names; of more, only the solvers
@@ -35,7 +36,9 @@ SINGLE, DOUBLE = 86.0 * MM, 176.0 * MM  # [in] one and two columns of a journal
 PNG_DPI = 200
 SUFFIXES = ("pdf", "svg", "png")
 INK, MUTED, PAPER = "#1c2126", "#5b646e", "#ffffff"
+SHADE = "#eceff2"  # within slope triangles
 INKED = Look(INK, "o")  # of what belongs to no solver
+logging.getLogger("fontTools").setLevel(logging.ERROR)  # it warns of the date in matplotlib's own fonts
 STYLE = mpl.rc_params_from_file(Path(__file__).parent / "print.mplstyle", use_default_template=False)
 
 
@@ -77,9 +80,10 @@ class Legend:
     def of(traces: Sequence[Trace], looks: Mapping[str, Look], wide: bool, room: float = np.inf) -> "Legend":
         """Every name once, as many abreast as the longest leaves room for; each solver where that is over ``room``."""
         for most in (NAMED, 0):
-            handles = _handles(traces, looks, 96 if wide else 62, most)
+            handles = _handles(traces, looks, int((96 if wide else 62) / scale()), most)
             longest = max((len(str(h.get_label())) for h in handles), default=0)
-            legend = Legend(tuple(handles), max(int((108 if wide else 54) / max(longest, 18 if wide else 24)), 1))
+            abreast = (108 if wide else 54) / scale() / max(longest, 18 if wide else 24)
+            legend = Legend(tuple(handles), max(int(abreast), 1))
             if legend.height <= room:
                 break
         return legend
@@ -87,7 +91,7 @@ class Legend:
     @property
     def height(self) -> float:
         """[in] that it takes."""
-        return 0.14 * -(-sum(1 + str(h.get_label()).count("\n") for h in self.handles) // self.columns)
+        return 0.14 * scale() * -(-sum(1 + str(h.get_label()).count("\n") for h in self.handles) // self.columns)
 
     def put(self, figure: Figure) -> None:
         if self.handles:
@@ -116,7 +120,7 @@ def panel(ax: Axes, plot: Plot, looks: Mapping[str, Look]) -> None:
         if plot.y.log and any(np.any(t.y == 0.0) for t in points):
             ax.axhline(low, color=MUTED, linewidth=0.8, linestyle=DASHES[2], zorder=1)
             ax.annotate("exactly 0", (0.01, low), xycoords=("axes fraction", "data"), xytext=(0, 3),
-                        textcoords="offset points", color=MUTED, fontsize=7)  # fmt: skip
+                        textcoords="offset points", color=MUTED, fontsize=small())  # fmt: skip
         heights = {max(float(v), low) for t in points for v in t.y}
         if plot.y.log and len(heights) == 1:  # a range has to come from somewhere
             ax.set_ylim(min(heights) / DECADE, min(heights) * DECADE)
@@ -124,8 +128,22 @@ def panel(ax: Axes, plot: Plot, looks: Mapping[str, Look]) -> None:
         ax.text(0.5, 0.5, "exactly zero throughout", transform=ax.transAxes, ha="center", color=MUTED)
     for at in (v for values in plot.marks.values() for v in values):
         ax.axvline(at, color=MUTED, linewidth=0.8, linestyle=DASHES[2], zorder=1)
+    for triangle in plot.triangles:
+        _draw_triangle(ax, triangle)
     if not plot.x.log:
         ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+
+
+def _draw_triangle(ax: Axes, triangle: Triangle) -> None:
+    """Draw a slope triangle with 1 below its level leg and its order beside the upright one."""
+    (x0, x1), (y0, y1) = triangle.x, triangle.y
+    ax.fill([x0, x1, x1], [y0, y0, y1], facecolor=SHADE, edgecolor=MUTED, linewidth=0.7, joinstyle="miter",
+            zorder=2, gid=f"order {triangle.order}")  # fmt: skip
+    middle = np.sqrt(x0 * x1), np.sqrt(y0 * y1)
+    for words, at, away, where in (("1", (middle[0], y0), (0.0, -2.0), ("center", "top")),
+                                   (str(triangle.order), (x1, middle[1]), (2.5, 0.0), ("left", "center"))):  # fmt: skip
+        ax.annotate(words, at, xytext=away, textcoords="offset points", ha=where[0], va=where[1], color=INK,
+                    fontsize=small(), zorder=2)  # fmt: skip
 
 
 def set_limits(ax: Axes, plot: Plot) -> None:
@@ -200,9 +218,19 @@ def _floor(traces: Sequence[Trace], key: str) -> float:
     return min(above) / ZERO if above else 1e-16
 
 
-def style() -> AbstractContextManager[None]:
+def style(font: Font = DEFAULT_FONT) -> AbstractContextManager[None]:
     """All drawing for print happens inside this."""
-    return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **STYLE})
+    return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **STYLE, **font.settings})
+
+
+def scale() -> float:
+    """The size of the letters in force, over the default one."""
+    return mpl.rcParams["font.size"] / SIZE
+
+
+def small() -> float:
+    """The size of notes inside panels [pt]."""
+    return mpl.rcParams["font.size"] * SMALL
 
 
 def sheet(width: float, height: float) -> Figure:
@@ -210,10 +238,11 @@ def sheet(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
 
 
-def save(draw: Callable[[], Figure], folder: Place, name: str, suffixes: Sequence[str] = SUFFIXES) -> list[Path]:
+def save(draw: Callable[[], Figure], folder: Place, name: str, suffixes: Sequence[str] = SUFFIXES,
+         font: Font = DEFAULT_FONT) -> list[Path]:  # fmt: skip
     """Draw once, write each file whole or not at all; the same records give the same bytes."""
     paths = []
-    with style(), mpl.rc_context({"svg.hashsalt": name}):
+    with style(font), mpl.rc_context({"svg.hashsalt": name}):
         figure = draw()
         for suffix in sorted(suffixes, key=SUFFIXES[::-1].index):  # pixels first: they settle the layout
             out = io.BytesIO()
@@ -232,35 +261,6 @@ _PRINT: dict[str, Callable[[Figure, io.BytesIO], None]] = {
 }
 
 
-class Powers(LogFormatter):
-    """``10⁻⁵`` as text: setting mathematics for every tick takes as long as all the lines."""
-
-    _sublabels: set[float] | None  # of the base class
-
-    def set_locs(self, locs: Any = None) -> None:
-        """Where few powers of ten are seen, so many parts of a decade are labelled that none overlap."""
-        super().set_locs(locs)
-        low, high = self.axis.get_view_interval()
-        if self._sublabels and len(self._sublabels) > 1 and high > 2.0 * low:
-            self._sublabels = {1.0, 3.0} if high > 10.0 * low else {1.0, 2.0, 3.0, 5.0}
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        if not super().__call__(x, pos) or not x > 0.0:
-            return ""
-        mantissa, power = f"{x:.2e}".split("e")
-        shown = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
-        return shown if float(mantissa) == 1.0 else f"{float(mantissa):g}×{shown}"
-
-
-def log_axis(ax: Axes, which: str = "y") -> None:
-    """Logarithmic, with at most about seven labelled decades; within one decade, parts of it are labelled."""
-    (ax.set_yscale if which == "y" else ax.set_xscale)("log")
-    axis = ax.yaxis if which == "y" else ax.xaxis
-    axis.set_major_locator(LogLocator(numticks=7))
-    axis.set_major_formatter(Powers())
-    axis.set_minor_formatter(Powers(labelOnlyBase=False))
-
-
 def mark_end(ax: Axes, end: str, x: float, y: float, colour: str) -> None:
     """A star where a run stopped early (``failed``), a cross where it is ``wrong``; nothing for a success."""
     if end:
@@ -272,4 +272,4 @@ def mark_end(ax: Axes, end: str, x: float, y: float, colour: str) -> None:
 def plain(text: str) -> str:
     """Any text as text: no mathematics in it, and nothing a font cannot show."""
     shown = "".join(c if c.isprintable() else " " for c in text)
-    return shown.replace("\\", "/").replace("$", r"\$")
+    return raise_digits(shown.replace("\\", "/").replace("$", r"\$"))

@@ -77,6 +77,15 @@ class Trace:
 
 
 @dataclass(frozen=True)
+class Triangle:
+    """A slope triangle on logarithmic axes: along ``y[0]`` from ``x[0]`` to ``x[1]``, there up to ``y[1]``."""
+
+    order: int  # the slope of its third side: error ~ step^order
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Plot:
     """One panel; ``name`` is unlike any other on its page and names the files that are saved."""
 
@@ -90,6 +99,7 @@ class Plot:
     marks: Mapping[str, Sequence[float]] = field(default_factory=dict)  # words: values of x with a thin line
     focus: Sequence[str] = ()  # solvers in colour until a reader asks for others; all where there are none
     finding: str = ""  # the title on a page: what is drawn with what it shows, in numbers
+    triangles: Sequence[Triangle] = ()
 
 
 @dataclass(frozen=True)

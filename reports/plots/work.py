@@ -11,10 +11,10 @@ from ...harness.results.judgements.runs import WorkProfile
 from ...harness.results.records import cpu_range
 from ...harness.results.work import evaluations, index_1_evaluations, operations
 from ..model.accuracy import Measure, measure_for
-from ..model.frontier import SOUND
+from ..model.frontier import EQUAL, SOUND
 from ..model.frontier import least as cheapest
 from ..model.results import Run, Variant, group_by
-from ..model.words import decade, number, seconds
+from ..model.words import decade, join_words, number, plural, seconds
 from .spec import Axis, Chapter, Plot, Trace, choose_focus, end_of
 
 WORKS = {  # words and unit
@@ -37,7 +37,7 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Point:
-    """Cost and errors of one run; ``works`` and ``errors`` by the keys of ``WORKS`` and ``ERRORS``."""
+    """Cost and errors of one run; ``works`` by the keys of ``WORKS``, and its ``step``; ``errors`` by ``ERRORS``."""
 
     run: Run
     page: str
@@ -73,10 +73,19 @@ def list_points(
     for c in variant.runs:
         r = c.record
         works = {"index1": index_1_evaluations(r), "operations": operations(r), "evaluations": evaluations(r),
-                 "factorisations": r.factorisations, "steps": float(r.steps), "cpu": r.cpu_median_s}  # fmt: skip
+                 "factorisations": r.factorisations, "steps": float(r.steps), "cpu": r.cpu_median_s,
+                 "step": _mean_step(c)}  # fmt: skip
         errors = {"error": measure.of(c) if measure else math.nan, "energy": r.energy_drift_max_J, "phi": r.phi_max}
         out.append(Point(c, page(c), works, errors, r.settings_id in best))
     return out
+
+
+def _mean_step(run: Run) -> float:
+    """The step asked for; under error control the mean of those taken [s]."""
+    r = run.record
+    if r.control == "dt":
+        return r.dt_s
+    return r.t_reached_s / r.steps if r.steps > 0 else math.nan
 
 
 def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
@@ -105,7 +114,7 @@ def work_plots(name: str, points: Sequence[Point], measure: Measure | None, pair
             axes = Axis(*WORKS[work], log=True), Axis(what, unit, log=True)
             title = f"{what[0].upper()}{what[1:]} over {WORKS[work][0]}"
             region = _reference_region(own, work, measure.own) if error == "error" and measure else []
-            drawn = [*region, *_families(own, work, error, folded)]
+            drawn = [*region, *join_ladders(own, work, error, folded)]
             drawn += _front(own, work) if front and error == "error" else []
             finding, focus = race(own, work, error, unit)
             out[f"{error}-{work}"] = Plot(
@@ -134,9 +143,11 @@ def race(points: Sequence[Point], work: str, error: str, unit: str) -> tuple[str
     focus = choose_focus([*(s for _, s in costs), *(s for s in solvers if s not in best)])
     if len(costs) < 2 or not costs[0][0] > 0.0:
         return "", focus
-    (lowest, first), (most, last) = costs[0], costs[-1]
+    lowest, (most, last) = costs[0][0], costs[-1]
+    firsts = [s for v, s in costs if v <= lowest * (EQUAL if work == "cpu" else 1.0)]  # counts are exact
     cost, ratio = seconds(lowest) if work == "cpu" else f"{number(lowest)} {WORKS[work][0]}", number(most / lowest, 2)
-    said = f"{first} needs {cost} for {decade(target)} {unit}, {last} {ratio} times as much"
+    need = f"{join_words(firsts)} {'needs' if len(firsts) == 1 else 'need'} {cost} for {decade(target)} {unit}"
+    said = need if last in firsts else f"{need}, {last} {ratio} times as much"
     missed = len(solvers) - len(best)
     return f"{said}; {missed} of {len(solvers)} do not get there" if missed else said, focus
 
@@ -165,7 +176,7 @@ def _reference_region(points: Sequence[Point], work: str, own: float) -> list[Tr
     return [Trace("below the reference's stated error", ends, edge, low=bottom, high=edge, dash=2)]
 
 
-def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> list[Trace]:
+def join_ladders(points: Sequence[Point], work: str, error: str, folded: bool = False) -> list[Trace]:
     """Runs of one method at several steps, coarsest first; those that stopped early apart from the line."""
     methods = group_by(sorted(points, key=lambda p: (p.method, -p.run.step_or_tolerance)), lambda p: p.method)
     out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()
@@ -237,7 +248,11 @@ def profile_plot(best: Sequence[WorkProfile], default: Sequence[WorkProfile], wo
             traces.append(Trace(name, *steps_of(p, right), solver=p.solver, dash=dash))
     words, unit = WORKS[work]
     best = sorted(best, key=lambda p: (-len(p.target_work), p.solver))
-    finding = f"{best[0].solver} reaches {len(best[0].target_work)} of {best[0].total} targets" if best else ""
+    firsts = [p.solver for p in best if len(p.target_work) == len(best[0].target_work)]
+    finding = ""
+    if best:
+        reach = f"{join_words(firsts)} {'reaches' if len(firsts) == 1 else 'reach'}"
+        finding = f"{reach} {len(best[0].target_work)} of {plural(best[0].total, 'target')} with the best settings"
     focus = choose_focus([p.solver for p in best])
     return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=right),
                 Axis("share of all targets reached", "", low=0.0, high=1.02), tuple(traces), wide=True, focus=focus,

@@ -9,11 +9,12 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.reports import site
-from mbsbench.reports.model.frontier import engines_first, frontiers, of_most_problems
+from mbsbench.reports.model.frontier import answer, engines_first, frontiers, of_most_problems
 from mbsbench.reports.model.results import Run, Variant, read_results
 from mbsbench.reports.model.scores import finest, score, standings, unpredictable
 from mbsbench.reports.model.tracking import list_followed
 from mbsbench.reports.model.variants import OTHER_PARAMETERS, broadest, themselves, variant_groups
+from mbsbench.reports.pages.judged.cost import title
 from mbsbench.reports.pages.runs.solvers import card_of
 
 from .conftest import because, put, record
@@ -125,7 +126,15 @@ def test_each_undecided_lead_says_why(tmp_path):
             assert all(word in f.doubt_words for word in ("alpha", "beta", "40 repeats", f"{spread:g}", f"{lead:g}"))
     page = (site.build(tmp_path).parent / "cost.html").read_text(encoding="utf-8")
     assert page.count("Not decided: ") == sum(bool(f.doubt) for f in found) > page.count("Not decided: a tie: ") > 0
-    assert page.count("times before the next (not decided)") == 2
+    assert page.count("the cheapest is not decided: ") == 2
+    answers = {f.variant: answer(f) for f in found}
+    assert {v: "who is the cheapest is not decided" in words for v, words in answers.items()} == {
+        problem: bool(doubt) for problem, (*_, doubt) in expected.items()
+    }
+    at = [f for f in found if f.target == 1e-3]
+    assert title(at).startswith("At 0.001 m, alpha is cheapest on 2 of 4 problems, 2 not decided; ")
+    undecided = [f for f in at if f.doubt]
+    assert title(undecided).startswith("At 0.001 m, the cheapest is decided on none of 2 problems; ")
 
 
 def test_a_presentation_has_no_frontier(tmp_path):
@@ -173,7 +182,8 @@ def test_the_energy_is_that_of_the_longest_run():
     long = replace(DRIFT, solver="alpha", case="pendulum alpha dt=0.1", periods=320, verdict="trend",
                    trend_W=2e-5, span_s=100.0)  # fmt: skip
     card = card_of("alpha", (), (replace(long, periods=30, verdict="bounded"), long), (), ())
-    assert facts(card)["energy"] == f"drifts over 320 periods of {long.problem}, by 0.0020 J"
+    assert facts(card)["energy"] == f"drifts over 320 periods of {long.problem}, by 0.0020 J at dt=0.1"
+    assert f"energy drifts over 320 periods of {long.problem}" in str(card["badge"])
 
 
 def test_cost_and_followed_time_are_those_of_the_runs(tmp_path):
@@ -183,8 +193,10 @@ def test_cost_and_followed_time_are_those_of_the_runs(tmp_path):
     results = read_results(tmp_path)
     follow = [f for v in results.variants for f in list_followed(v)]
     card = card_of("alpha", (), (), follow, of_most_problems(frontiers(results)))
-    assert facts(card)["cost"].startswith("×2.0 the cheapest at ")
-    assert facts(card)["followed"] == "0 of 1 motion to the end of the reference; least pendulum, 1.5 of 2 s"
+    assert re.match(r"×2.0 the cheapest at \S+ m, reached on 1 of 1 problem", facts(card)["cost"])
+    least = f"least pendulum, 1.5 of 2 s at dt = {0.1 / 2 ** HALVINGS[-1]:g} s"
+    assert facts(card)["followed"] == f"0 of 1 motion to the end of the reference; {least}"
+    assert re.search(r"followed 0 of 1 motion; cost ×2.0 the cheapest at \S+ m\"", str(card["badge"]))
 
 
 @pytest.mark.parametrize("name", ["alpha", '<script>alert("1")</script>'])

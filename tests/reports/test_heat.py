@@ -12,7 +12,7 @@ from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.types import ALLOWED, Law, Reason
 from mbsbench.reports import site
-from mbsbench.reports.model.heat import best_and_worst, heat, rank
+from mbsbench.reports.model.heat import boxes_of, farthest_and_nearest, heat, rank
 from mbsbench.reports.model.margin import LEVELS, margin
 from mbsbench.reports.model.results import Run, read_results
 
@@ -100,13 +100,27 @@ def test_all_solvers_have_one_denominator_and_the_sentence_names_best_and_worst(
         ("delta", 1),
         ("gamma", 1),
     ]
-    assert found.title == "2 of 4 solvers stay within every limit on all 2 problems"
+    assert found.title == "2 of 4 solvers stay within every limit on all 2 problems, each at its finest setting"
     column = [row.boxes[1] for row in found.rows]
     ranked = [b.run.record.solver for b in rank(column)]
     assert (ranked[0], ranked[-1]) == ("alpha", "gamma")
-    said = best_and_worst(column)
-    assert "Worst is gamma (dt = 0.01 s): wrong, the energy error reaches 0.45 J, more than 0.1 J" in said
+    said = farthest_and_nearest(column)
+    assert said.startswith("Each solver at its finest setting: farthest below its limits is alpha (dt = 0.01 s): ")
+    assert said.endswith("Last is gamma (dt = 0.01 s): wrong, the energy error reaches 0.45 J, more than 0.1 J.")
     assert {b.run.record.solver: b.text for b in column}["delta"] == "at 25 %"
+
+
+@pytest.mark.parametrize(("errors", "words"), [
+    ((1e-3, 1.05e-3, 1.09e-3), "all 3 stay as far below their limits, such as alpha (dt = 0.01 s)"),
+    ((1e-3, 1.05e-3, 2e-3), "alpha (dt = 0.01 s): the energy error is 0.00100 of 0.100 J allowed; as far is beta."),
+    ((1e-3, 1.2e-3, 2e-3), "alpha (dt = 0.01 s): the energy error is 0.00100 of 0.100 J allowed. Last is gamma"),
+])  # fmt: skip
+def test_no_solver_is_named_first_that_is_not(tmp_path, errors, words):
+    """Margins within a tenth of each other are alike, whoever comes first in the alphabet."""
+    for solver, error in zip(("alpha", "beta", "gamma"), errors, strict=True):
+        put(tmp_path, record(solver, solver, energy_drift_max_J=error, phi_max=0.0, position_error_max_m=0.0))
+    (variant,) = read_results(tmp_path).variants
+    assert words in farthest_and_nearest(boxes_of(variant, "recommended"))
 
 
 def test_a_solver_beside_the_comparison_has_its_row(folder):
@@ -117,7 +131,8 @@ def test_a_solver_beside_the_comparison_has_its_row(folder):
     assert found is not None and len(found.problems) == 2
     row = next(row for row in found.rows if row.solver == "zeta")
     assert [b and b.run.record.run_id for b in row.boxes] == ["zeta1", None] and row.succeeded == 1
-    assert found.title == "2 of 4 solvers that ran all 2 problems stay within every limit"
+    words = "2 of 4 solvers that ran all 2 problems stay within every limit, each at its finest setting"
+    assert found.title == words
 
 
 @pytest.mark.browser

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from mbsbench import solve
 from mbsbench.harness.referee.carried import is_of_this_code
 from mbsbench.harness.results.records import reasons_of
+from mbsbench.harness.types import ALLOWED, Law
 from mbsbench.reports.model.results import read_results
+from mbsbench.reports.model.words import number
 
 from .conftest import put, record
 
@@ -50,9 +53,9 @@ def test_the_picture_of_costs_names_engines_with_their_cpu_time(pictures, tmp_pa
             put(tmp_path, record(f"{solver}{k}", solver, dt_s=0.1 / 2**k, cpu_median_s=least * 2**k,
                                  position_error_max_m=(1.0 if solver == "exudyn" else 1e-2) / 16.0**k))  # fmt: skip
     drawn = pictures.draw_costs(read_results(tmp_path))
-    (low, high) = re.search(r"engines need ([\d.]+) to ([\d.]+) times", drawn).groups()
+    (low, high) = re.search(r"engines that get there need ([\d.]+) to ([\d.]+) times", drawn).groups()
     assert (low, high) == ("5.0", "20")
-    assert "not reached by Exudyn" in drawn
+    assert "not reached by Exudyn at any setting tried" in drawn
     for solver in ("rattle", "mujoco", "pinocchio"):
         assert re.search(f"<title>{solver} [0-9.]+ ms</title>", drawn)
     assert re.search(r">rattle [\d.]+ ms<", drawn) and re.search(r">MuJoCo [\d.]+ ms<", drawn)
@@ -76,6 +79,25 @@ def test_the_loop_ends_while_its_motions_are_predictable(pictures, monkeypatch):
     roles = [(name, dt, rtol and rtol * (1.0 + 1e-13), words) for name, dt, rtol, words in pictures.ROLES]
     monkeypatch.setattr(pictures, "ROLES", roles)
     assert apart(drawn, pictures.draw_loop()) <= 1.0
+
+
+def test_the_caption_of_the_loop_names_its_setting_and_has_its_numbers(pictures):
+    """Problem, solver, tolerance, time, error and limit; and what tighter tolerances give."""
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    (name, _, rtol, words), end = pictures.ROLES[1], pictures.END
+    runs = {r: solve(pictures.PROBLEM, name, t_end=end, rtol=r).record for r in (rtol, 1e-6, 1e-8)}
+    bad, fair, good = runs.values()
+    assert (bad.claimed, bad.status) == ("success", "wrong") and {fair.status, good.status} == {"success"}
+    energy = [number(v, 2) for v in (bad.energy_drift_max_J, ALLOWED[Law.ENERGY] * bad.energy_scale_J)]
+    assert (
+        f"A chain falls for {end:g} s" in readme and "at a relative tolerance of 1e-5 reports success and is" in readme
+    )
+    assert f"its energy is off by {energy[0]} J, {energy[1]} J are allowed" in readme
+    assert (f"At 1e-6 it is within the laws and {number(1e3 * fair.position_error_max_m, 2)} mm off, "
+            f"at 1e-8 {number(1e3 * good.position_error_max_m, 2)} mm.") in readme  # fmt: skip
+    drawn = (IMAGES / "loop.svg").read_text(encoding="utf-8")
+    assert all(f">{role}, {setting}<" in drawn for role, *_, setting in pictures.ROLES) and "rtol = 1e-5" in words
+    assert f"energy error {energy[0]} J of {energy[1]} J allowed" in drawn
 
 
 def test_the_loop_lasts_six_seconds_and_shows_the_last_moment_without_animation(pictures):

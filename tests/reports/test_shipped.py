@@ -1,6 +1,8 @@
 """As shipped and tuned: the best is the cheapest run within the target, else the most accurate one."""
 
+import json
 import math
+import re
 import sys
 
 import pytest
@@ -81,6 +83,23 @@ def test_each_cell_of_the_frontier_is_decided_or_says_why():
         (1.0, 1.3, ", –"),
     ):
         assert list_engines._place(row | {"spread": spread, "next": lead}).endswith(ending)
+
+
+def test_the_cheapest_of_a_tie_is_not_decided(tmp_path, monkeypatch):
+    """On one problem the next takes a twentieth longer, on the other twice as long."""
+
+    def contest(problem: str, factor: float) -> dict:
+        cost = {"alpha": 1e-3, "beta": factor * 1e-3}
+        pairs = {who: {"shipped": None, "best": {"error": 1e-4, "cpu_s": cpu, "status": "success"}}
+                 for who, cpu in cost.items()}  # fmt: skip
+        return {"problem": problem, "unit": "m", "pairs": pairs}
+
+    found = {"target": 1e-3, "commit": "a" * 40, "runs": 4, "budget": "2 settings of each"}
+    found["contests"] = [contest("arm", 1.05), contest("bar", 2.0)]
+    (tmp_path / "contests.json").write_text(json.dumps(found))
+    monkeypatch.setattr(list_engines, "PUBLISHED", tmp_path / "contests.json")
+    rows = [line.split("|")[2] for line in list_engines.tables().splitlines() if re.match(r"\| (arm|bar) ", line)]
+    assert [row.endswith(" ≈ ") for row in rows] == [True, False]
 
 
 def test_the_page_on_engines_lists_what_their_adapters_take():

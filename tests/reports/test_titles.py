@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.harness.results.series import Series
@@ -12,10 +13,12 @@ from mbsbench.reports.model.accuracy import measure_for
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.words import number
 from mbsbench.reports.pages.judged.cost import growth, growths
+from mbsbench.reports.pages.judged.orders import ladders
 from mbsbench.reports.plots.laws import errors, invariants, laws, observables
 from mbsbench.reports.plots.work import list_points, profile_plot, work_plots
 
 from .conftest import put, record, series
+from .pages.synthetic import ORDER
 from .test_charts import drawing_of
 
 SIZES = {"alpha": 2e-3, "beta": 0.4, "gamma": 3e-2}
@@ -54,14 +57,14 @@ def test_laws_and_errors_go_from_the_smallest_to_the_largest(drawn):
         for solver in ("alpha", "beta"):
             motion = growing(SIZES[solver])
             ends.append(f"{number(motion[column][motion['t'] <= until].max())} {unit} ({solver})")
-        assert found[name].finding == f"{found[name].title}: {ends[0]} to {ends[1]}"
+        assert found[name].finding == f"{found[name].title} at the finest settings: {ends[0]} to {ends[1]}"
 
 
 def test_observables_say_how_far_off_they_are(drawn):
     """From the reference, over the whole time that this is known."""
     (plot,) = [p for p in observables(drawn).plots if p.name == "obs-theta"]
     low, high = (number(2.0 * SIZES[name]) for name in ("alpha", "beta"))
-    assert plot.finding == f"theta: off by {low} rad (alpha) to {high} rad (beta)"
+    assert plot.finding == f"theta at the finest settings: off by {low} rad (alpha) to {high} rad (beta)"
 
 
 def test_growth_names_the_smallest_and_the_largest_exponent(tmp_path):
@@ -86,7 +89,30 @@ def test_a_profile_names_who_reaches_most_targets():
     best = [WorkProfile("alpha", "evaluations", 9, (1.0, 2.0)), WorkProfile("beta", "evaluations", 9, (5.0, 6.0, 7.0)),
             WorkProfile("gamma", "steps", 9, (1.0, 2.0, 3.0, 4.0))]  # fmt: skip
     default = [WorkProfile("gamma", "evaluations", 9, (1.0, 2.0, 3.0, 4.0))]
-    assert profile_plot(best, default, "evaluations").finding == "beta reaches 3 of 9 targets"
+    assert profile_plot(best, default, "evaluations").finding == "beta reaches 3 of 9 targets with the best settings"
+    both = [best[1], WorkProfile("alpha", "evaluations", 9, (1.0, 2.0, 9.0))]
+    assert profile_plot(both, (), "evaluations").finding.startswith("alpha and beta reach 3 of 9 targets")
+
+
+@pytest.mark.parametrize(("factor", "words"), [
+    (1.05, "alpha and beta need 0.100 s for 10⁻⁴ m, gamma 4.0 times as much"),
+    (1.5, "alpha needs 0.100 s for 10⁻⁴ m, gamma 4.0 times as much"),
+])  # fmt: skip
+def test_cpu_times_that_are_equal_have_no_winner(tmp_path, factor, words):
+    """Within a tenth, as on the page of cost."""
+    for solver, cpu in (("alpha", 0.1), ("beta", 0.1 * factor), ("gamma", 0.4)):
+        put(tmp_path, record(solver, solver, position_error_max_m=1e-4, cpu_median_s=cpu))
+    (variant,) = read_results(tmp_path).variants
+    plots = work_plots("work", list_points(variant), measure_for(variant.runs))
+    assert plots["error-cpu"].finding == f"pendulum: {words}"
+
+
+def test_a_title_on_orders_names_whose_they_are():
+    """The least and the largest of several methods; never the first one's for all."""
+    own = replace(ORDER, quantity="position", dt=(0.1, 0.05), error=(1e-2, 2.5e-3), used=(True, True), fit="power")
+    two = [replace(own, solver=s, case=s, order=p) for s, p in (("alpha", 4.0), ("beta", 2.0))]
+    assert ladders(two)[0].title == "pendulum: position converges with order 2.00 (beta) to 4.00 (alpha)"
+    assert ladders(two[:1])[0].title == "pendulum: position converges with order 4.00 (alpha)"
 
 
 def test_work_says_what_the_tightest_common_error_costs(tmp_path):

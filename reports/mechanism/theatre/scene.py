@@ -28,9 +28,9 @@ FLAT = 0.02  # motion this thin, compared with its width, is planar
 AT_MOST = 10  # of one mechanism; more only where more solvers fail, so that each failure is seen
 SOUND = 3  # the best, the middle and the worst
 RULE = (
-    "The best, the middle and the worst of the runs that succeeded by their energy error, of each solver the one with "
-    "the fewest options, then the finest; then of each solver one that is wrong or stopped; then those of the others "
-    "that succeeded, and the rest, failures first. "
+    "Of the runs that succeeded those with the least, the middle and the largest energy error, of each solver the one "
+    "with the fewest options, then the finest; then of each solver one that is wrong or stopped; then those of the "
+    "others that succeeded, and the rest, failures first. "
     "Settings that differ only in their label or in the number of steps allowed are shown once."
 )
 

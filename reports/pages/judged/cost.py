@@ -15,13 +15,16 @@ from ...model.accuracy import measure_for
 from ...model.frontier import Frontier, broad, engines_first, of_most_problems
 from ...model.motion import bodies_in
 from ...model.results import Results, Run, by_solver, group_by
-from ...model.words import decade, mark, number, plural, seconds, time
+from ...model.words import decade, join_words, mark, number, plural, seconds, time
 from ...plots.spec import Axis, Plot, Trace
 from ...plots.work import ERRORS, WORKS, list_points, profile_plot, work_plots
 from ..base import Page, Site, page_of, read_judged
 
 FEW = ("index1", "evaluations", "cpu")  # works that energy and joints are drawn over
-WORKED = "CPU time of the integration alone, on one machine: read the ratios, not the times."
+WORKED = (
+    "Each solver with the best of the settings that were run. CPU time of the integration alone, on one machine: read "
+    "the ratios, not the times."
+)
 SIZES = 3  # a slope from two sizes would be no evidence
 
 
@@ -48,18 +51,26 @@ def write(results: Results, site: Site) -> Page | None:
 
 
 def title(found: Sequence[Frontier]) -> str:
-    """Who is the cheapest most often at the error where most problems can be compared, and what the median costs."""
+    """Who is the cheapest most often at the error where most problems can be compared, and what the median costs.
+
+    Only problems on which the cheapest is decided count for anybody; solvers that lead on as many are all named.
+    """
     if not (own := of_most_problems(found)):
         return "What accuracy costs"
-    firsts = [f.places[0].run.record.solver for f in own]
-    best = max(sorted(set(firsts)), key=firsts.count)
+    firsts = Counter(f.places[0].run.record.solver for f in own if not f.doubt)
+    most = max(firsts.values(), default=0)
+    best = sorted(s for s, n in firsts.items() if n == most)
     unit = own[0].unit if len({f.unit for f in own}) == 1 else "m or rad"
     on = plural(len(own), "problem")
     if len({f.variant.partition("[")[0] for f in own}) < len(own):
         on += ", each set of parameters counted"
     factors = sorted(p.factor for f in own for p in f.places)
-    median = f"the median solver costs {number(factors[len(factors) // 2], 2)} times as much"
-    return f"At {decade(own[0].target)} {unit}, {best} is cheapest on {firsts.count(best)} of {on}; {median}"
+    median = f"the median of those that get there costs {number(factors[len(factors) // 2], 2)} times the cheapest"
+    lead = f"{join_words(best)} {'is' if len(best) == 1 else 'are each'} cheapest on {most} of {on}" if best else (
+        f"the cheapest is decided on none of {on}")  # fmt: skip
+    open_ = len(own) - sum(firsts.values())
+    undecided = f", {open_} not decided" if open_ and best else ""
+    return f"At {decade(own[0].target)} {unit}, {lead}{undecided}; {median}"
 
 
 def fields(results: Results, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:

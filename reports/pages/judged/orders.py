@@ -8,6 +8,7 @@ import numpy as np
 from ....harness.results.judgements.runs import Note, Order
 from ...model.results import group_by, natural, slug
 from ...model.words import Mark, plural
+from ...plots.slopes import NEAR, add_triangles
 from ...plots.spec import Axis, Plot, Trace
 
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
@@ -110,12 +111,18 @@ def ladders(orders: Sequence[Order]) -> list[Plot]:
         step = Axis("step, or mean step under error control", "s", log=True)
         error = Axis(f"error of {quantity}", own[0].unit, log=True)
         name = slug(f"order-{variant}-{quantity}", taken)
-        fitted = [o for o in own if fit_of(o)]
-        order = f" converges with order {fitted[0].order:.2f}" if fitted else ""
-        plots.append(
-            Plot(name, f"{variant}: {quantity}{order}", "", step, error, tuple(t for o in own for t in _traces(o)))
-        )
+        fitted = sorted((o for o in own if fit_of(o)), key=lambda o: o.order)
+        ends = " to ".join(dict.fromkeys(f"{o.order:.2f} ({o.case})" for o in fitted[:1] + fitted[-1:]))
+        order = f" converges with order {ends}" if fitted else ""
+        title, drawn = f"{variant}: {quantity}{order}", tuple(t for o in own for t in _traces(o))
+        plots.append(put_triangles(Plot(name, title, "", step, error, drawn), own))
     return plots
+
+
+def put_triangles(plot: Plot, orders: Sequence[Order]) -> Plot:
+    """Return the plot with a slope triangle for each whole order that a fit of ``orders`` has, near that fit."""
+    found = [(o, fit) for o in orders if (fit := fit_of(o)) and abs(o.order - round(o.order)) <= NEAR]
+    return add_triangles(plot, [(round(o.order), Trace(o.case, *fit)) for o, fit in found])
 
 
 def _traces(o: Order) -> list[Trace]:

@@ -8,14 +8,13 @@ from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ....harness.results.misleading import misleads
 from ....harness.results.records import reasons_of
 from ....harness.results.reproduce import write_command
-from ....harness.results.words import law_of
 from ...mechanism.stage import moment
 from ...model.accuracy import Measure, measure_for
 from ...model.catalogue import code_of_others, is_engine
 from ...model.curves import upper
 from ...model.frontier import broad, costs, default_target
 from ...model.heat import Box, Heat, heat
-from ...model.margin import LEVELS, margin
+from ...model.margin import LEVELS, describe_break, margin
 from ...model.results import Results, Run, group_by, read_results
 from ...model.scores import unpredictable
 from ...model.tracking import list_followed
@@ -105,10 +104,7 @@ def _card(results: Results, run: Run, published: bool) -> dict[str, Any]:
     words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
     return {
         "run": run, "code": code_of_others(r.solver).partition(" on ")[0], "published": published,
-        "picture": snapshot(*seen, words) if seen else None, "law": law_of(reason).removeprefix("the "),
-        "size": f"{number(reason.value)} of {' '.join(filter(None, (number(reason.limit), reason.unit)))} allowed",
-        "times": reason.value / reason.limit if reason.limit > 0.0 else math.inf,
-        "at": reason.time_s if reason.time_s == reason.time_s else r.t_reached_s, "drawn": drawn,
+        "picture": snapshot(*seen, words) if seen else None, "broken": describe_break(reason), "drawn": drawn,
         "command": write_command(r, results.plugins),
     }  # fmt: skip
 

@@ -14,7 +14,7 @@ from ...model.accuracy import judged_until, measure_for
 from ...model.catalogue import about_problem, code_of_others, why_hard
 from ...model.curves import SPANS_UPPER
 from ...model.frontier import of_most_problems
-from ...model.heat import Heat, best_and_worst, boxes_of, rank
+from ...model.heat import Heat, boxes_of, farthest_and_nearest, rank
 from ...model.margin import margin
 from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant, group_by
@@ -77,7 +77,7 @@ def write(results: Results, site: Site) -> Page | None:
     plain = {p.title for p in themselves(results, label)}
     for variant in results.variants:  # one problem at a time: its series are large
         _write(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
-    cards = [(p, sketch_of(results, p), best_and_worst(boxes_of(p, label)))
+    cards = [(p, sketch_of(results, p), farthest_and_nearest(boxes_of(p, label)))
              for p in results.variants if p.title in plain]  # fmt: skip
     return site.write(Page("Mechanisms", "mechanisms.html", nav=True, order=10), "mechanisms.html", cards=cards,
                       about=about_problem, title=mechanisms(results), unpredictable=unpredictable(results),
@@ -107,7 +107,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         plots=[p for c in chapters for p in c.plots],
         left_out=len(variant.runs) - len(lines),
         bodies=max((m.bodies for m in motions.values()), default=0), until=judged_until(variant.runs), own=judged_own,
-        sentence=best_and_worst(boxes), sketch=sketch_of(results, variant),
+        sentence=farthest_and_nearest(boxes), sketch=sketch_of(results, variant),
         about=about_problem(variant.problem), hard=why_hard(variant.problem), groups=groups, most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
         followed=list_followed(variant), extras=list(extras([k.run for k in lines])), events=events(motions.values()),
@@ -130,18 +130,24 @@ def one_a_problem(picture: Heat | None, label: str) -> list[Variant]:
 
 
 def roles_of(variant: Variant, label: str, site: Site) -> list[tuple[Run, str]]:
-    """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
+    """An accurate run that costs little, the paper's method, and a false success or, without one, the last in rank.
+
+    The false success is of an implicit method where there is one, which most codes in use are: it is not the worst.
+    """
     best_first = [b.run for b in rank(boxes_of(variant, label))]
-    cheapest = _cheapest_first(variant, site) or best_first
+    cheap, cheapest = "among the cheapest accurate", _cheapest_first(variant, site)
+    if not cheapest:
+        cheap, cheapest = "far below its limits", best_first
     paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.is_success),
                    key=lambda c: len(c.record.paper_label))  # fmt: skip
     sizes = {c.record.run_id: min(m.part, 1e9) if (m := margin(c)) else 0.0 for c in variant.runs}
-    worst = sorted(
-        (c for c in variant.runs if c.status == "wrong"), reverse=True,  # implicit methods, which most codes in use are
+    wrong = sorted(
+        (c for c in variant.runs if c.status == "wrong"), reverse=True,
         key=lambda c: (site.looks[c.record.solver].family == "implicit", sizes[c.record.run_id], c.record.run_id),
-    ) or best_first[1:][-1:]  # fmt: skip
+    )  # fmt: skip
+    last, end = (wrong, "a false success") if wrong else (best_first[1:][-1:], "nearest to a limit, or beyond")
     out: dict[str, tuple[Run, str]] = {}
-    for runs, words in ((cheapest, "cheapest accurate"), (paper, "the paper's"), (worst, "the worst")):
+    for runs, words in ((cheapest, cheap), (paper, "the paper's"), (last, end)):
         for run in [c for c in runs if c.record.series][:1]:
             out.setdefault(run.record.run_id, (run, words))
     return list(out.values())

@@ -88,24 +88,27 @@ def card_of(solver: str, orders: Sequence[Order], drifts: Sequence[Drift], follo
         best = min(own, key=lambda o: (o.against != "dt", o.verdict != "certified", o.high - o.low))
         declared = f", declared {best.declared:g}" if math.isfinite(best.declared) else ""
         on = f"{best.verdict} on {sum(o.verdict == best.verdict for o in own)} of {plural(len(own), 'problem')}"
-        value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f}){declared}; {on}"
+        value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f}){declared}, on {best.variant}; {on}"
         facts.append(("order", value, f"{best.order:.2f}", order_words.verdict_mark(best.verdict).kind))
     if long := [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]:
         d = max(long, key=lambda d: (d.periods, d.variant))
         words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
-        over = f"{words} over {plural(d.periods, 'period')}"
+        over = f"{words} over {plural(d.periods, 'period')} of {d.problem}"
         moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
-        facts.append(("energy", f"{over} of {d.problem}{moved}", over, order_words.verdict_mark(d.verdict).kind))
+        setting = "".join(f" at {k}" for k in [" ".join(d.case.split()[2:])] if k)
+        facts.append(("energy", f"{over}{moved}{setting}", over, order_words.verdict_mark(d.verdict).kind))
     if motions := [f for f in followed if f.run.record.solver == solver and f.known > 0.0]:
         whole, least = sum(f.whole for f in motions), min(motions, key=lambda f: f.until / f.known)
         value = f"{whole} of {plural(len(motions), 'motion')} to the end of the reference"
         if whole < len(motions):
             until, known = (time(float(f"{v:.3g}")) for v in (least.until, least.known))
-            value += f"; least {least.run.variant}, {until} of {known} s"
-        facts.append(("followed", value, f"{whole} of {len(motions)}", "good" if whole == len(motions) else "failed"))
+            value += f"; least {least.run.variant}, {until} of {known} s at {least.run.step_words}"
+        count, kind = f"{whole} of {plural(len(motions), 'motion')}", "good" if whole == len(motions) else "failed"
+        facts.append(("followed", value, count, kind))
     if factors := [p.factor for f in costs for p in f.places if p.run.record.solver == solver]:
         mean = math.exp(sum(map(math.log, factors)) / len(factors))
         ratio, on = f"×{number(mean, 2)}", f"{len(factors)} of {plural(len(costs), 'problem')}"
-        value = f"{ratio} the cheapest at {decade(costs[0].target)}, reached on {on}"
-        facts.append(("cost", value, ratio, "good" if mean < 3.0 else "refused"))
+        unit = costs[0].unit if len({f.unit for f in costs}) == 1 else "m or rad"
+        at = f"{ratio} the cheapest at {decade(costs[0].target)} {unit}"
+        facts.append(("cost", f"{at}, reached on {on}", at, "good" if mean < 3.0 else "refused"))
     return {"solver": solver, "facts": facts, "badge": badge(solver, [(f[0], *f[2:]) for f in facts])}

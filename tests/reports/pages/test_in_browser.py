@@ -137,3 +137,23 @@ def test_another_pair_of_work_and_error_shows_its_plots(browser, folder):
     assert choices and set(choices) == {"energy-cpu"}
     tab.evaluate("document.querySelector('.field [data-choice]:not([hidden])').scrollIntoView()")  # drawn when seen
     tab.until("document.querySelector('.field [data-choice]:not([hidden]) .axis')")
+
+
+def test_a_ladder_has_its_slope_triangle(browser, tmp_path):
+    """Its sides and order are on the page and in the picture saved from it; a slope means nothing on a linear axis."""
+    every_kind(tmp_path)
+    (tmp_path / "judgement").mkdir()
+    one = replace(orders(["aa01"])[0], quantity="position")
+    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(format_judgement((one,)), encoding="utf-8")
+    render(read_results(tmp_path), [PAGES["solver-alpha.html"]])
+    tab = browser.open(tmp_path / "report" / "solver-alpha.html", width=1280)
+    tab.evaluate(OPEN)
+    find = "MBS.plotted.plots.find((p) => p.triangles)"
+    tab.evaluate(f"{find}.canvas.scrollIntoView()")
+    tab.until(f"{find}.picture.querySelector('.slope')")
+    shapes = f"{find}.picture.querySelectorAll('.slope').length"
+    assert tab.evaluate(shapes) == 1 and tab.evaluate(f"{find}.triangles[0].order") == 2
+    assert "2" in tab.evaluate(f"[...{find}.picture.querySelectorAll('text')].map((t) => t.textContent)")
+    assert 'class="slope"' in tab.evaluate(f"MBS.plotted.svg({find}.name)")
+    tab.evaluate(f"[...{find}.canvas.closest('figure').querySelectorAll('button')][0].click()")
+    assert tab.evaluate(shapes) == 0 and tab.faults == []

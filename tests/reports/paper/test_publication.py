@@ -13,6 +13,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.cli.__main__ import main
+from mbsbench.harness.files import write_text
 from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
@@ -152,6 +153,20 @@ def test_captions_say_what_is_counted(results):
     assert not any("factorisation" in caption for name, caption in made.items() if not name.endswith("-work"))
 
 
+def test_captions_name_what_a_cross_is_and_whose_clock(results, tmp_path):
+    """Where a figure has a false success, or CPU times, and there alone."""
+    made = {name: caption for p in results.variants for name, caption, _, _ in publication.figures_of(results, p)}
+    assert all(publication.CROSS in made[f"pendulum-recommended-{name}"] for name in ("energy", "laws"))
+    assert publication.CROSS in made["pendulum-work"] and "on one machine." in made["pendulum-work"]
+    for k in range(3):
+        put(tmp_path, record(f"aa0{k}", dt_s=0.1 / 2**k, position_error_max_m=0.01 / 4**k), series(40))
+    write_text(tmp_path / "environment.json", '{"cpu": "a processor"}')
+    found = read_results(tmp_path)
+    made = {name: caption for name, caption, _, _ in publication.figures_of(found, found.variants[0])}
+    assert "on one machine (a processor)." in made["pendulum-work"]
+    assert made.keys() >= {"pendulum-convergence"} and not any(publication.CROSS in c for c in made.values())
+
+
 def test_command_writes_figures_tables_and_captions(results, capsys):
     assert main(["figures", str(results.folder), "--only", "lonely"]) == 0
     folder = results.folder / publication.FOLDER
@@ -209,8 +224,13 @@ def test_many_runs_are_parted_by_solver(tmp_path):
     """No figure has more lines than one can tell apart, where one solver does not have more."""
     runs = [record(f"{k:04x}", f"solver{k // 4}") for k in range(32)]
     for c in runs:
-        put(tmp_path, c)
-    found = publication.parts(read_results(tmp_path).runs)
+        put(tmp_path, c, series(20))
+    results = read_results(tmp_path)
+    found = publication.parts(results.runs)
+    made = {name: caption for name, caption, _, _ in publication.figures_of(results, results.variants[0])}
+    for k, part in enumerate(found, 1):  # a figure of some solvers says of which
+        ends = f"figure {k} of {len(found)}: {part[0].record.solver} to {part[-1].record.solver}. "
+        assert ends in made["pendulum-recommended-energy" if k == 1 else f"pendulum-recommended-{k}-energy"]
     assert sum(map(len, found)) == 32 and max(map(len, found)) <= publication.MOST
     assert all(len({c.record.solver for c in a} & {c.record.solver for c in b}) == 0
                for a in found for b in found if a is not b)  # fmt: skip

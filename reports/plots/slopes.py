@@ -1,0 +1,139 @@
+"""Slope triangles of plots of error against step: which whole orders the lines show, and where triangles stand free.
+
+All of it is reckoned in the plot's own logarithms, from 0 to 1 across what is drawn, so that a page and a printed
+figure place them alike.
+"""
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .spec import Plot, Trace, Triangle
+
+NEAR = 0.2  # of a whole order: a ladder whose slopes are as close follows it
+LEAST = 3  # runs in a row that make an order
+APART = 1.05  # ratio of neighbouring steps: closer ones give no slope
+WIDTHS = (0.2, 0.16, 0.12, 0.09, 0.06)  # of the plot; the widest that finds room
+TALLEST = 0.35  # of the plot: a steep triangle is narrower
+CLEAR = 0.04  # of the plot, between a triangle and what is drawn: a marker and a half
+DIGIT_X, DIGIT_Y = 0.05, 0.085  # of the plot: room for the digits at the legs
+GRID = 33  # places along each side
+DENSE = 0.01  # of the plot, between points of a line
+BELOW = 0.6  # of the plot: how far below all data a triangle may go that has no room between them
+ZERO = 20.0  # zeros lie so many times below the smallest value above zero, as where they are drawn
+
+Points = np.ndarray  # (n, 2), of the plot
+
+
+def find_order(x: np.ndarray, y: np.ndarray) -> int:
+    """Return the whole order that the most neighbouring slopes of a ladder follow; 0 for none."""
+    good = (x > 0.0) & (y > 0.0) & np.isfinite(x) & np.isfinite(y)
+    at = np.argsort(x[good])
+    x, y = x[good][at], y[good][at]
+    kept = [k for k in range(len(x)) if k == 0 or x[k] > APART * x[k - 1]]
+    if len(kept) < LEAST:
+        return 0
+    slopes = np.diff(np.log(y[kept])) / np.diff(np.log(x[kept]))
+    best, longest = 0, LEAST - 2
+    for order in range(1, round(max(slopes.max(), 0.0)) + 1):
+        length = 0
+        for slope in slopes:
+            length = length + 1 if abs(slope - order) <= NEAR else 0
+            if length > longest:
+                best, longest = order, length
+    return best
+
+
+def add_triangles(plot: Plot, orders: Iterable[tuple[int, Trace]]) -> Plot:
+    """Return the plot with a triangle for each order, near a trace that has it; its traces stay as they are."""
+    owners: dict[int, list[Trace]] = {}
+    for order, trace in orders:
+        if order > 0:
+            owners.setdefault(order, []).append(trace)
+    frame = _Frame(plot.traces)
+    if not owners or not frame.is_plane:
+        return plot
+    taken = [frame.points_of(t) for t in plot.traces]
+    out = []
+    for order in sorted(owners):
+        near = np.concatenate([frame.points_of(t) for t in owners[order]])
+        triangle = frame.place(order, np.concatenate(taken), near)
+        out.append(triangle)
+        taken.append(frame.cover(triangle))
+    return replace(plot, triangles=tuple(out))
+
+
+class _Frame:
+    """The logarithms of a plot's axes, from 0 to 1 over what is drawn."""
+
+    def __init__(self, traces: Sequence[Trace]) -> None:
+        self.low, self.size = np.zeros(2), np.zeros(2)
+        for k, key in enumerate(("x", "y")):
+            all_ = np.concatenate([np.asarray(getattr(t, key), dtype=float) for t in traces] or [np.zeros(0)])
+            good = all_[np.isfinite(all_) & (all_ > 0.0)]
+            if len(good):
+                least = good.min() / (ZERO if np.any(all_ == 0.0) else 1.0)
+                self.low[k], self.size[k] = np.log(least), np.log(good.max() / least)
+
+    @property
+    def is_plane(self) -> bool:
+        return bool(np.all(self.size > 0.0))
+
+    def points_of(self, trace: Trace) -> Points:
+        """Points of a trace and, where it has a line, densely along it."""
+        with np.errstate(divide="ignore"):
+            logs = np.log(np.array([trace.x, trace.y], dtype=float)).T
+        uv = (np.maximum(logs, self.low) - self.low) / self.size
+        uv = uv[np.all(np.isfinite(uv), axis=1)]
+        if "lines" not in trace.mode or len(uv) < 2:
+            return uv
+        return np.concatenate([
+            a + (b - a) * np.linspace(0.0, 1.0, int(np.max(np.abs(b - a)) / DENSE) + 2)[:, None]
+            for a, b in itertools.pairwise(uv)
+        ])  # fmt: skip
+
+    def place(self, order: int, drawn: Points, own: Points) -> Triangle:
+        """Return the widest triangle that covers nothing of ``drawn``, as near to its ``own`` points as there is room.
+
+        Where there is none between the data it stands below them.
+        """
+        for bottom in (0.0, -BELOW):
+            for width in WIDTHS:
+                width = min(width, TALLEST * self.size[1] / (order * self.size[0]))
+                found = self._search(order, width, drawn, own, bottom)
+                if found is not None:
+                    return self._triangle(order, width, found)
+        return self._triangle(order, width, np.array([0.5, -BELOW]))  # far below: nothing is drawn there
+
+    def _search(self, order: int, width: float, drawn: Points, own: Points, bottom: float) -> np.ndarray | None:
+        """The corner of the legs' lower left end that is free and nearest to ``own``; None where none is."""
+        height = order * width * self.size[0] / self.size[1]
+        right, top = 1.0 - width - DIGIT_X, 1.0 - height
+        u, v = np.meshgrid(np.linspace(0.0, right, GRID), np.linspace(bottom + DIGIT_Y, top, GRID))
+        corners = np.column_stack([u.ravel(), v.ravel()])
+        free = np.array([not np.any(_covered(drawn - c, width, height)) for c in corners])
+        if not np.any(free):
+            return None
+        centres = corners[free] + np.array([width, height]) * (2.0 / 3.0, 1.0 / 3.0)
+        away = np.min(np.hypot(*(centres[:, None, :] - own[None, ::5, :]).transpose(2, 0, 1)), axis=1)
+        return corners[free][int(np.argmin(away))]
+
+    def _triangle(self, order: int, width: float, corner: np.ndarray) -> Triangle:
+        x0, y0 = np.exp(self.low + corner * self.size)
+        x1 = float(np.exp(self.low[0] + (corner[0] + width) * self.size[0]))
+        return Triangle(order, (float(x0), x1), (float(y0), float(y0 * (x1 / x0) ** order)))
+
+    def cover(self, triangle: Triangle) -> Points:
+        """Points over all that a triangle takes with its digits."""
+        a, b = ((np.log(k) - self.low) / self.size for k in zip(triangle.x, triangle.y, strict=True))
+        u, v = np.meshgrid(np.linspace(a[0], b[0] + DIGIT_X, 12), np.linspace(a[1] - DIGIT_Y, b[1], 12))
+        return np.column_stack([u.ravel(), v.ravel()])
+
+
+def _covered(points: Points, width: float, height: float) -> np.ndarray:
+    """Which points, seen from the lower left corner, lie in the triangle, at its digits, or too close."""
+    u, v = points.T
+    inside = (u > -CLEAR) & (u < width + DIGIT_X) & (v > -DIGIT_Y) & (v < height + CLEAR)
+    return inside & (v < (u * height / width) + CLEAR * (1.0 + height / width))

@@ -1,0 +1,49 @@
+"""Ticks of logarithmic axes in print, and superscripts in the font that is in force."""
+
+import re
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogFormatter, LogLocator
+
+from ..model.words import SUPERSCRIPTS
+
+LOWERED = {v: k for k, v in SUPERSCRIPTS.items()}
+RAISED = re.compile(f"[{''.join(map(chr, LOWERED))}]+")
+
+
+class Powers(LogFormatter):
+    """``10⁻⁵`` as text: setting mathematics for every tick takes as long as all the lines."""
+
+    _sublabels: set[float] | None  # of the base class
+
+    def set_locs(self, locs: Any = None) -> None:
+        """Where few powers of ten are seen, so many parts of a decade are labelled that none overlap."""
+        super().set_locs(locs)
+        low, high = self.axis.get_view_interval()
+        if self._sublabels and len(self._sublabels) > 1 and high > 2.0 * low:
+            self._sublabels = {1.0, 3.0} if high > 10.0 * low else {1.0, 2.0, 3.0, 5.0}
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        if not super().__call__(x, pos) or not x > 0.0:
+            return ""
+        mantissa, power = f"{x:.2e}".split("e")
+        shown = raise_digits(f"10{str(int(power)).translate(SUPERSCRIPTS)}")
+        return shown if float(mantissa) == 1.0 else f"{float(mantissa):g}×{shown}"
+
+
+def log_axis(ax: Axes, which: str = "y") -> None:
+    """Logarithmic, with at most about seven labelled decades; within one decade, parts of it are labelled."""
+    (ax.set_yscale if which == "y" else ax.set_xscale)("log")
+    axis = ax.yaxis if which == "y" else ax.xaxis
+    axis.set_major_locator(LogLocator(numticks=7))
+    axis.set_major_formatter(Powers())
+    axis.set_minor_formatter(Powers(labelOnlyBase=False))
+
+
+def raise_digits(text: str) -> str:
+    """Superscripts as mathematics where a font other than the default is asked for: few have all of them."""
+    if not mpl.rcParams["axes.formatter.use_mathtext"]:
+        return text
+    return RAISED.sub(lambda found: f"$^{{{found[0].translate(LOWERED)}}}$", text)
