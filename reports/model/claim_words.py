@@ -16,9 +16,11 @@ FLAGS = {
 LEFT_OUT = {
     judged.Ending.MACHINE: "a limit on time or memory ended them, which another machine might not meet",
     judged.Ending.UNCOMPARED: "their runs cannot be compared "
-    "(two failures, no partner, equal steps, or values missing)",
+    "(two failures, no partner, equal steps or motions, or values missing)",
     judged.Ending.SLOW: "the limit on steps ended them while they were only slow",
+    judged.Ending.APART: "we ended them, not their solver: a joint was open by the length of its arm",
     judged.Ending.NO_START: "they could not start: not one step of the size they may take",
+    judged.Ending.START_UP: "they stopped in the first hundredth of their time, the start-up",
     judged.Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
     judged.Ending.EARLY: "their runs ended before the moment asked about",
 }
@@ -48,7 +50,8 @@ def metric(test: judged.Test) -> str:
     else:
         given = ", ".join(f"{k} {v}" for k, v in test.arguments.items() if k != "partial")
         words = f"{test.metric} [{given}]" if given else test.metric
-    compared = f" ({test.compare} of others)" if test.compare else ""
+    rival = f", here {test.rival}" if test.rival else ""
+    compared = f" ({test.compare} of others{rival})" if test.compare else ""
     return f"{words}{compared}{f' ({test.combine})' if test.combine else ''}"
 
 
@@ -75,7 +78,10 @@ def spell_out(name: str) -> str:
 def because(c: judged.Claim) -> str:
     """Runs, counts and conditions at the paper's settings and beyond them, and caveats, in sentences."""
     b = c.because
-    out = [*b.stand_ins, *(s for where, f in sides(c) for s in _describe_finding(c, where, f))]
+    only = "no setting of {} is judged: the verdicts say nothing of {}"
+    names = join_words(list(b.unjudged))
+    unjudged = [only.format(names, "it" if len(b.unjudged) == 1 else "them")] if b.unjudged else []
+    out = [*b.stand_ins, *unjudged, *(s for where, f in sides(c) for s in _describe_finding(c, where, f))]
     if b.across and c.findings:
         out.append(f"each setting is compared across {b.across}")
     if b.met_at:
@@ -99,13 +105,14 @@ def verdict(f: judged.Finding) -> str:
         return f"{f.verdict}, because no setting counts ({'; '.join(why)})"
     if f.verdict is judged.Verdict.REPRODUCED_IF and f.decision:
         return describe_condition(f.decision)
+    if f.verdict is judged.Verdict.REPRODUCED and f.decision:
+        return f"{f.verdict}: there are such {describe_condition(f.decision).removeprefix('reproduced ')}"
     return str(f.verdict)
 
 
 def condition_of(f: judged.Finding) -> str:
     """The rest of the verdict after its first words: ``direction translation``; empty where there is none."""
-    words = verdict(f)
-    return words.removeprefix(str(f.verdict)).lstrip(" ,") if f.verdict is not judged.Verdict.REPRODUCED else ""
+    return verdict(f).removeprefix(str(f.verdict)).lstrip(" ,:")
 
 
 def control(c: judged.Claim) -> str:
@@ -117,19 +124,29 @@ def control(c: judged.Claim) -> str:
     at = f"over the same {c.because.across}s" if c.because.across else "at the same tolerance"
     beside = f"{who}, in the same chart, {at} and on the same motion,"
     if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
-        return f"{beside} settles nothing"
+        return f"{beside} settles nothing{_left_alone(c)}"
     if not f.holds:
-        return f"{beside} does not ({quantify(f)})"
+        return f"{beside} does not ({quantify(f)}){_left_alone(c)}"
     found = f"{beside} does so too ({quantify(f)}{_met(f)})"
     if not c.control.both:
-        return f"{found}, but in no setting where the claim holds"
+        return f"{found}, but in no setting where the claim holds{_left_alone(c)}"
     where = f"in {plural(c.control.both, 'setting')} where the claim holds"
-    return f"{found}, {where}: there the claim tells nothing of its own solvers"
+    return f"{found}, {where}: there the claim tells nothing of its own solvers{_left_alone(c)}"
+
+
+def _left_alone(c: judged.Claim) -> str:
+    """``; beside 4 settings where the claim holds it is left out``, and why."""
+    if c.control is None or not c.control.alone:
+        return ""
+    why = "; ".join(LEFT_OUT[x.why] for x in c.control.finding.left_out) or "it was not run there"
+    return f"; beside {plural(c.control.alone, 'setting')} where the claim holds nothing is known of it ({why})"
 
 
 def by_solver(c: judged.Claim) -> str:
     """``by ida_index1 reproduced, for all 4 tried; by ndf_index1 ...``; empty where there is one solver."""
-    return "; ".join(f"by {name} {', '.join(filter(None, (verdict(f), share(f))))}" for name, f in c.by_solver.items())
+    sides = c.by_solver.items(), c.by_solver_beyond.items()
+    found = ["; ".join(f"by {n} {', '.join(filter(None, (verdict(f), share(f))))}" for n, f in side) for side in sides]
+    return "; beyond them ".join(filter(None, found)) if found[0] else f"beyond them {found[1]}" * bool(found[1])
 
 
 def condition_and_share(f: judged.Finding) -> str:
@@ -199,12 +216,16 @@ def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[st
     if f.settings:
         out.append(f"{where} it holds for {quantify(f)}")
         out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
+        out[-1] += f", {plural(f.like, 'setting')} beyond them with the series of one counted with it" * bool(f.like)
         out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
     out += map(_missing, f.missing)
+    if f.lone:
+        out.append(f"{plural(f.lone, 'setting')} that one failed run alone meets counted as not met {where}")
     if f.stopped:
         out.append(f"in {f.stopped} of these {f.holds} because a run stopped before its end")
     if f.decision:
-        out.append(decision(c, f.decision))
+        words = decision(f.decision)
+        out.append(f"{words} (settings of equal series counted each)" if f.rows > f.settings else words)
     for m in f.borderline:
         said = f"with a band {FACTOR} times {m.by} ({metric(c.tests[m.test])}) {m.verdict}, {m.holds} of {m.settings}"
         out.append(f"borderline: {said}")
@@ -218,17 +239,24 @@ def describe_missing(c: judged.Claim) -> str:
     return "; ".join(map(_missing, c.missing))
 
 
-def decision(c: judged.Claim, d: judged.Decision) -> str:
+def decision(d: judged.Decision) -> str:
     """The condition that separates; else with what it always and never holds, and what matters most."""
     if d.by:
         return f"it holds with {condition(d)} never, and always without" if d.unless else (
             f"it holds with {condition(d)} always, and never without")  # fmt: skip
     yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
     parts = [f"{word} with {_list_conditions(some)}" for word, some in (("always", yes), ("never", no)) if some]
-    if d.telling and d.telling in c.factors:
-        counts = ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in c.factors[d.telling])
-        parts.append(f"{spell_out(d.telling)} matters most: {counts}")
+    if d.told:
+        parts.append(f"{spell_out(d.telling)} matters most: {_list_counts(d)}")
     return "; ".join(parts) or "no dimension varies"
+
+
+def _list_counts(d: judged.Decision) -> str:
+    """``gain 0 1 of 3, gain 5 3 of 3``; of many values how many always, sometimes and never go with it."""
+    if len(d.told) <= MOST_LISTED:
+        return ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in d.told)
+    always, never = sum(f.holds == f.settings for f in d.told), sum(not f.holds for f in d.told)
+    return f"of its {len(d.told)} values {always} always, {len(d.told) - always - never} sometimes, {never} never"
 
 
 def condition(d: judged.Decision) -> str:

@@ -148,7 +148,7 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
         (MAP + HEAD + NEAREST, "goes with all tests or none"),
         (MAP + HEAD + TEST + 'needs = [{ why = "x" }]\n', "give one of solver, observable, given"),
         (MAP + HEAD.replace("[5]", "[13]") + TEST, "figure 1 must be a whole number <= 12 (got 13)"),
-        (MAP + HEAD.replace("words", "w" * 200) + TEST, "quote must be a line of at most 140 characters"),
+        (MAP + HEAD.replace("words", "w" * 500) + TEST, "quote must be a line of at most 400 characters"),
         (MAP + HEAD + TEST + "[[claims]]\n" + HEAD + TEST, "the id is taken"),
         ("[[claims]", "claims:"),
     ],
