@@ -32,7 +32,16 @@ from ...suites.spec import RunSpec
 from . import register as given
 from .conditions import factors
 from .evidence import MEASURES
-from .findings import Tried, ask_control, dimensions_of, find_chosen, find_sides, merge_equal, split_by_solver, split_sides
+from .findings import (
+    Tried,
+    ask_control,
+    dimensions_of,
+    find_chosen,
+    find_sides,
+    merge_equal,
+    split_by_solver,
+    split_sides,
+)
 from .maps import Place, find_varied, place, values_of
 from .numbers import Numbers, SeriesOf, shorten
 from .points import Point, points
@@ -130,7 +139,7 @@ def _find_unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequen
 def _choose_shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
     """The setting whose numbers stand in the table: of the printed ones, if there are, one that the verdict rests on.
 
-    That is the one that speaks most against the claim; where none meets it, or one suffices, the one that comes nearest.
+    That is the one that speaks most against the claim; where none meets it, or one suffices, the nearest.
     """
     measurable = [p for p in counted if p.numbers[0] == p.numbers[0]] or list(counted)
     asked = [p for p in measurable if p.printed] or measurable
@@ -186,9 +195,7 @@ def _because(register: Register, own: Sequence[Place], found: Sequence[Point], a
     return Because(across, tuple(Count(v, met[v], len(holding)) for v in values_of(met)), stand_ins, unjudged)
 
 
-def _settings(
-    counted: Sequence[Point], own: Sequence[Place], others: Sequence[Place]
-) -> dict[str, tuple[Value, ...]]:
+def _settings(counted: Sequence[Point], own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[Value, ...]]:
     """The values of the settings that are judged, or of all where none is; ``EITHER_WAY`` also where there is one."""
     if counted:
         own, others = ([q for p in counted for q in places(p)] for places in (_places_of, _beside_of))

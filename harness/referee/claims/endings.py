@@ -1,9 +1,9 @@
 """How a run ended, and what can be concluded from one that was cut short.
 
 A run that got to its end or failed by itself is final: where it ended is settled, and so is what no rest of it could
-change. One that a clock, its memory or its budget of steps ended might have continued, and so might one that was ended because
-a joint had come apart: we ended them, not their solver. One that did not get as far as one step of the size it may take
-has no motion to judge. These settle only what they had settled.
+change. One that a clock, its memory or its budget of steps ended might have continued, and so might one whose joint had
+come apart: we ended them, not their solver. One that did not get as far as one step of the size it may take has no
+motion to judge. These settle only what they had settled.
 """
 
 import json

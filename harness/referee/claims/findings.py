@@ -162,7 +162,9 @@ def _set_back(counted: Sequence[Sequence[Point]]) -> tuple[list[Sequence[Point]]
     lone = [row for row in counted if row[0].holds and row[0].failed and row[0].met_at]
     if not lone or not any(row[0].holds and row not in lone for row in counted):
         return list(counted), 0
-    return [[replace_point(p, holds=False, met_at=()) for p in row] if row in lone else row for row in counted], len(lone)
+    return [[replace_point(p, holds=False, met_at=()) for p in row] if row in lone else row for row in counted], len(
+        lone
+    )
 
 
 def _one_suffices(claim: given.Claim) -> bool:

@@ -38,7 +38,7 @@ class Point:
     stopped: bool = False  # holds, and by a number that is endless because the run stopped
     met_at: tuple[Any, ...] = ()  # the values that meet the claim, where one along ``across`` suffices
     series: tuple[str, ...] = ()  # digests of the series it rests on; empty where one is missing
-    failed: bool = False  # it rests on a run that stopped before its end
+    failed: bool = False  # it rests on a run that stopped before the moment asked about
     beside: tuple[Place, ...] = ()  # the runs that it is compared with
 
 
@@ -108,18 +108,20 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     beside = [q for p in ordered for q in partners[p.spec.settings_id]]
     used = [*ordered, *beside]
     each = [_finding(claim, t, v, ordered, beside, numbers) for t, v in zip(claim.tests, found, strict=True)]
+    stopped = any(MEASURES[t.metric].of_stopped for t in claim.tests)
     holds = False if False in each else None if None in each else True
+    if stopped and any(h is None for t, h in zip(claim.tests, each, strict=True) if MEASURES[t.metric].of_stopped):
+        holds = None  # it did not stop by itself, which is what the claim is about
     printed = claim.map is not None and any(is_printed(p, claim.map.printed) for p in ordered)
     printed = printed or all(MEASURES[t.metric].of_problem for t in claim.tests)  # no setting of a solver enters
     endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
     endings = {_ending(claim, p, numbers) for p in used} - {Ending.FINAL}
     asked = [(t, v) for t, v in zip(claim.tests, found, strict=True) if not _compares(t)]
     early = any(_ends_early(claim, t, v, used, numbers) for t, v in asked)
-    stopped = any(MEASURES[t.metric].of_stopped for t in claim.tests)
     rest = Ending.EARLY if early else Ending.ENDED if stopped else Ending.UNCOMPARED
     why = next((how for how in Ending if how in endings), rest) if holds is None else Ending.FINAL
     series = [numbers.records[p.spec.settings_id].series_sha256 for p in (*ordered, *_sort_places(beside))]
-    failed = not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
+    failed = not all(gets_to(t, numbers.records[p.spec.settings_id]) for t in claim.tests for p in ordered)
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless), (),
                  tuple(series) if all(series) else (), failed, tuple(beside))  # fmt: skip
 

@@ -72,7 +72,7 @@ class Test(Shape, frozen=True):
     band: Band
     measured: float  # at the setting shown; NaN for an unbounded number too
     unbounded: bool = False
-    rival: str = ""  # the run with the smallest or largest number of those that it is compared with, by solver and options
+    rival: str = ""  # the run with the smallest or largest of the numbers that it is compared with
 
 
 class Count(Shape, frozen=True):

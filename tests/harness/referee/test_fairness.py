@@ -1,4 +1,4 @@
-"""Fair to both sides: what is judged is what is listed, controls stand over equal values, and who ended a run counts."""
+"""Fair to both sides: what is listed was judged, controls stand over equal values, and who ended a run counts."""
 
 import math
 
@@ -109,9 +109,9 @@ def test_a_control_is_asked_over_the_values_of_the_setting(combine):
 
 
 def test_a_control_that_settles_nothing_where_the_claim_holds_is_said():
-    """Beside Euler angles the control stopped, beside quaternions there is none: where the claim holds it is unknown."""
-    text = 'map = "ida"\ncontrol = "rk"\ntests = [{ metric = "column", name = "phi_max", at_least = 1.0, unit = "m" }]\n'
-    found = []
+    """Beside Euler angles the control stopped, beside quaternions there is none: nothing is known of it."""
+    test = 'tests = [{ metric = "column", name = "phi_max", at_least = 1.0, unit = "m" }]'
+    text, found = f'map = "ida"\ncontrol = "rk"\n{test}\n', []
     for x in BOTH:
         loose = x.solver == "rk45_strong_form" and x.control.rtol == 1e-3
         size = 2.0 if x.solver != "rk45_strong_form" and x.control.rtol == 1e-3 else 0.1
@@ -152,7 +152,7 @@ def met_by(solver_failed, meets):
 
 
 def test_total_and_solvers_treat_a_failed_run_alike():
-    """One failed run of IDA meets it in quaternions, sound ones in Euler angles: the first counts as not met in both."""
+    """One failed run of IDA meets it in quaternions, sound ones in Euler angles: the first counts as not met."""
     sound = {("ndf_index1", "euler313", 1e-3), ("ndf_index1", "euler313", 1e-4)}
     c = met_by("ida_index1", sound | {("ida_index1", "quaternion", 1e-3)})
     assert c.verdict == "reproduced if" and (c.beyond.holds, c.beyond.settings, c.beyond.lone) == (1, 4, 1)
@@ -163,7 +163,7 @@ def test_total_and_solvers_treat_a_failed_run_alike():
 
 
 def test_one_stop_of_many_runs_is_no_verdict_and_one_in_the_start_up_none():
-    """All others get to the end: where the one stops is rounding. In the first hundredth of the time nothing is told."""
+    """All others get to the end: where one stops is rounding. One in the first hundredth of the time tells nothing."""
     text = 'map = "m"\ntests = [{ metric = "stop time", at_least = 2, at_most = 9, unit = "s" }]\n'
     c = claim(text, first_of(STOPPED))
     assert c.map[0].holds is True and c.verdict == "cannot be told" and c.beyond.missing[0].gap is Gap.HANGS
@@ -182,9 +182,11 @@ def test_a_run_that_ended_and_broke_a_law_is_a_result():
 
 def test_conditions_at_the_papers_settings_name_its_values_alone():
     """Beyond, a run has the series of a printed one: it is counted with it, and adds neither row nor condition."""
+
     def row(x):
         same = options(x)["lam"] is True and x.control.rtol in (1e-3, 1e-4)
-        return record(x, phi_max=0.5 if options(x)["lam"] else 2.0, series_sha256=f"{options(x)['chart']}" if same else x.settings_id)  # noqa: E501
+        digest = options(x)["chart"] if same else x.settings_id
+        return record(x, phi_max=0.5 if options(x)["lam"] else 2.0, series_sha256=digest)
 
     c = claim(TEST.replace('"m"', '"p"'), [row(x) for x in RUNS])
     assert (c.paper.settings, c.paper.rows, c.paper.like) == (2, 2, 1) and c.paper.decision.by
@@ -229,4 +231,3 @@ def test_a_rise_is_a_gain_in_its_interval():
     for least, ended, cut in ((0.9, True, None), (0.4, True, True), (1.1, False, None)):
         found = claim(text.format(least), first_of(STOPPED | {"t_reached_s": 3.0}), energy)
         assert (found.map[1].holds, found.map[0].holds) == (ended, cut)
-
