@@ -186,7 +186,7 @@ def _doubts(claim: given.Claim, counted: Sequence[Point], left: Mapping[Ending, 
     if counted and len(counted) < FEW * asked:
         return [Missing(Gap.REACHED, found=len(counted), wanted=asked)]
     holding, total = sum(p.holds is True for p in counted), len(counted)
-    if total == 1 and counted[0].failed and sum(left.values()):  # one failed run is all that is left of several
+    if total == 1 and counted[0].failed and any(left.values()):  # one failed run is all that is left of several
         return [Missing(Gap.HANGS, counted[0].places[0].spec.case)]
     for p in counted:
         rest = total if p.met_at else total - 1  # one of several values less leaves the setting, but nothing meets it
