@@ -231,3 +231,16 @@ def test_a_rise_is_a_gain_in_its_interval():
     for least, ended, cut in ((0.9, True, None), (0.4, True, True), (1.1, False, None)):
         found = claim(text.format(least), first_of(STOPPED | {"t_reached_s": 3.0}), energy)
         assert (found.map[1].holds, found.map[0].holds) == (ended, cut)
+
+
+def test_a_claim_on_runs_that_stop_is_not_refuted_by_those_that_do_not():
+    """Where it stops |phi| has passed 1 m: a run that gets to its end with 0.5 m says nothing, whatever else is asked."""
+    text = """map = "m"
+tests = [
+    { metric = "stop time", at_most = 9, unit = "s" },
+    { metric = "column", name = "phi_max", partial = true, at_least = 1.0, unit = "m" },
+]
+"""
+    found = [record(x, phi_max=2.0 if k < 2 else 0.5, **(STOPPED if k < 2 else {})) for k, x in enumerate(RUNS)]
+    c = claim(text, found)
+    assert (c.verdict, c.beyond.settings) == ("reproduced", 2) and c.beyond.left_out == (LeftOut(Ending.ENDED, 10),)
