@@ -96,7 +96,7 @@ def control(c: judged.Claim) -> str:
     who = join_words(list(c.control.solvers))
     f = c.control.finding
     at = f"over the same {c.because.across}s" if c.because.across else "at the same tolerance"
-    beside = f"{who}, in the same chart, {at} and on the same motion,"
+    beside = f"{who}, in the same chart, {at}, with the same step limit and on the same motion,"
     if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
         return f"{beside} settles nothing{_left_alone(c)}"
     if not f.holds:

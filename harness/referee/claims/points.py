@@ -22,7 +22,7 @@ from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
 
 LOOSEST_FIRST = ("tolerance", "step", "max_step")
-BESIDE = ("problem", "omega_z", "literal_start", "release", "duration", "frame", "chart", "tolerance")  # of a control
+BESIDE = ("problem", "omega_z", "literal_start", "release", "duration", "frame", "chart", "tolerance", "max_step")
 ACTS = 0.01  # of the mean step: a reduction that changes it by less has acted on no steps
 
 
@@ -85,7 +85,7 @@ def _name_range(claim: Claim) -> str:
 
 
 def stands_beside(claim: Claim, p: Place, q: Place) -> bool:
-    """Whether a control run ``q`` is of the motion, chart and tolerance of ``p``, as far as both have them."""
+    """Whether a control run ``q`` is of the motion, chart, tolerance and step limit of ``p``, as far as both have."""
     asked = (*BESIDE, _name_range(claim))
     shared = (k for k in asked if k in p.dimensions and k in q.dimensions and k != claim.across)
     return all(p.dimensions[k] == q.dimensions[k] for k in shared)

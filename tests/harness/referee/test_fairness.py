@@ -201,6 +201,7 @@ def test_the_number_shown_is_one_that_the_verdict_rests_on():
         return claim(text, [record(x, phi_max=factor * sizes.get(x.control.rtol, 0.1)) for x in RUNS]).tests[0].measured
 
     assert shown(TEST) == 0.7 and shown(TEST, 20.0) == 2.0
+    assert shown(TEST.replace('"m"', '"p"')) == 0.1  # the paper's is that at 1e-3
     assert shown(TEST.replace("map", 'quantifier = "some"\nmap', 1), 2.0) == 0.2
 
 
@@ -209,6 +210,14 @@ def test_a_comparison_names_its_rival():
     c = claim(text)
     assert "spherical_pendulum gc_weak_form" in c.tests[0].rival and f"here {c.tests[0].rival}" in metric(c.tests[0])
     assert claim().tests[0].rival == ""
+    two = text.replace('"gc"', '"ida"'), [record(x, phi_max=x.control.rtol) for x in BOTH]
+    for compare, loosest in (("over smallest", False), ("over largest", True)):
+        rival = (
+            claim(two[0].replace("over smallest", compare).replace('"m"', '"rk"', 1) + MAPS, two[1], specs=BOTH)
+            .tests[0]
+            .rival
+        )
+        assert ("rtol=0.001" if loosest else "rtol=1e-06") in rival and "ida_index1" in rival
 
 
 @pytest.mark.parametrize(("key", "holds"), [("", True), ("must_act = true\n", None)])
@@ -234,7 +243,7 @@ def test_a_rise_is_a_gain_in_its_interval():
 
 
 def test_a_claim_on_runs_that_stop_is_not_refuted_by_those_that_do_not():
-    """Where it stops |phi| has passed 1 m: a run that gets to its end with 0.5 m says nothing, whatever else is asked."""
+    """Where it stops |phi| has passed 1 m: one that gets to its end with 0.5 m says nothing on that."""
     text = """map = "m"
 tests = [
     { metric = "stop time", at_most = 9, unit = "s" },
