@@ -159,12 +159,15 @@ def find(
 
 def _set_back(counted: Sequence[Sequence[Point]]) -> tuple[list[Sequence[Point]], int]:
     """The settings with those that one failed run alone meets as not met, if others hold; and how many these are."""
-    lone = [row for row in counted if row[0].holds and row[0].failed and row[0].met_at]
-    if not lone or not any(row[0].holds and row not in lone for row in counted):
+    lone = [bool(row[0].holds and row[0].failed and row[0].met_at) for row in counted]
+    if not any(row[0].holds and not alone for row, alone in zip(counted, lone, strict=True)):
         return list(counted), 0
-    return [[replace_point(p, holds=False, met_at=()) for p in row] if row in lone else row for row in counted], len(
-        lone
-    )
+    return [_not_met(row) if alone else row for row, alone in zip(counted, lone, strict=True)], sum(lone)
+
+
+def _not_met(row: Sequence[Point]) -> list[Point]:
+    """The same settings where nothing meets the claim, whether or not the failed run counts."""
+    return [replace_point(p, holds=False, met_at=(), failed=False) for p in row]
 
 
 def _one_suffices(claim: given.Claim) -> bool:

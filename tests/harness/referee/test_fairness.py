@@ -158,6 +158,9 @@ def test_total_and_solvers_treat_a_failed_run_alike():
     assert c.verdict == "reproduced if" and (c.beyond.holds, c.beyond.settings, c.beyond.lone) == (1, 4, 1)
     assert "ida_index1" not in verdict(c.beyond) and "1 setting that one failed run alone meets" in because(c)
     assert c.by_solver["ndf_index1"].holds == 1 and "hangs" not in by_solver(c)
+    rest = {(s, k, 1e-3) for s in ("ida_index1", "ndf_index1") for k in ("euler313", "quaternion")}
+    most = met_by("ida_index1", rest | {("ida_index1", "euler313", 1e-4), ("ida_index1", "euler313", 1e-6)})
+    assert most.verdict == "reproduced if" and (most.beyond.holds, most.beyond.lone) == (3, 1)  # and no doubt in it
     alone = met_by("ida_index1", {("ida_index1", "quaternion", 1e-3)})
     assert alone.verdict == "cannot be told" and alone.beyond.missing[0].gap is Gap.HANGS
 
