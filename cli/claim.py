@@ -108,4 +108,7 @@ def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
         yield f"why: {words}"
     for name, values in c.settings.items():
         yield f"tried with {claim_words.spell_out(name)}: {', '.join(claim_words.value(name, v) for v in values)}"
-    yield f"its runs: {runs}" + (f"; to make and judge them: mbsbench claim {c.id} --run" if runs else "")
+    judged = sum(1 + m.more for m in c.map if m.holds is not None)
+    yield f"its runs: {runs}, of which {judged} are in settings that are judged" + (
+        f"; to make and judge them: mbsbench claim {c.id} --run" if runs else ""
+    )

@@ -126,7 +126,8 @@ def beside(name: str) -> str:
     c = claim(name).control
     if c is None or not c.finding.settings:
         return ""
-    return in_words(f" ({' and '.join(c.solvers)} beside it: {quantify(c.finding)})")
+    alone = f"; not comparable beside {plural(c.alone, 'setting')} where it holds" if c.alone else ""
+    return in_words(f" ({' and '.join(c.solvers)} beside it: {quantify(c.finding)}{alone})")
 
 
 def where(name: str, side: str = "paper", **at: str) -> Condition:

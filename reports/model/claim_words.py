@@ -1,24 +1,20 @@
 """The grounds of a judged claim in words: made here for the command, the pages and the captions alike."""
 
-from collections.abc import Sequence
-
 from ...harness.results.judgements import claims as judged
+from .condition_words import condition, decision, describe_condition, setting, spell_out, value
 from .words import join_words, number, plural, unit
 
+__all__ = ["condition", "decision", "setting", "spell_out", "value"]  # pages say them by this module, too
 WHERE = ("at the paper's settings", "beyond them")
 FACTOR = 1.5  # by which bands are moved (harness.referee.claims.predicates)
-MOST_LISTED = 6  # combinations listed one by one
-FLAGS = {
-    "lambda_in_error_test": ("multipliers in the error test", "multipliers outside the error test"),
-    "velocities_in_error_test": ("velocities in the error test", "velocities outside the error test"),
-    "consistent_start": ("a consistent start", "a start from lambda = 0"),
-}
 LEFT_OUT = {
     judged.Ending.MACHINE: "a limit on time or memory ended them, which another machine might not meet",
     judged.Ending.UNCOMPARED: "their runs cannot be compared "
-    "(two failures, no partner, equal steps, or values missing)",
+    "(two failures, no partner, equal steps or motions, or values missing)",
     judged.Ending.SLOW: "the limit on steps ended them while they were only slow",
+    judged.Ending.APART: "we ended them, not their solver: a joint was open by the length of its arm",
     judged.Ending.NO_START: "they could not start: not one step of the size they may take",
+    judged.Ending.START_UP: "they stopped in the first hundredth of their time, the start-up",
     judged.Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
     judged.Ending.EARLY: "their runs ended before the moment asked about",
 }
@@ -48,34 +44,18 @@ def metric(test: judged.Test) -> str:
     else:
         given = ", ".join(f"{k} {v}" for k, v in test.arguments.items() if k != "partial")
         words = f"{test.metric} [{given}]" if given else test.metric
-    compared = f" ({test.compare} of others)" if test.compare else ""
+    rival = f", here {test.rival}" if test.rival else ""
+    compared = f" ({test.compare} of others{rival})" if test.compare else ""
     return f"{words}{compared}{f' ({test.combine})' if test.combine else ''}"
-
-
-def value(name: str, given: judged.Value) -> str:
-    """A value of a dimension: ``5``, ``a consistent start``."""
-    if isinstance(given, bool):
-        return FLAGS.get(name, (spell_out(name), f"no {spell_out(name)}"))[not given]
-    if given is None:
-        return f"no {spell_out(name)}"
-    return given if isinstance(given, str) else f"{given:g}"
-
-
-def setting(name: str, given: judged.Value) -> str:
-    """The same with the dimension where it is needed: ``gain 5``."""
-    alone = given is None or isinstance(given, bool) or name in ("problem", "solver", "frame")
-    return value(name, given) if alone else f"{spell_out(name)} {value(name, given)}"
-
-
-def spell_out(name: str) -> str:
-    """A name with spaces for underscores."""
-    return name.replace("_", " ")
 
 
 def because(c: judged.Claim) -> str:
     """Runs, counts and conditions at the paper's settings and beyond them, and caveats, in sentences."""
     b = c.because
-    out = [*b.stand_ins, *(s for where, f in sides(c) for s in _describe_finding(c, where, f))]
+    only = "no setting of {} is judged: the verdicts say nothing of {}"
+    names = join_words(list(b.unjudged))
+    unjudged = [only.format(names, "it" if len(b.unjudged) == 1 else "them")] if b.unjudged else []
+    out = [*b.stand_ins, *unjudged, *(s for where, f in sides(c) for s in _describe_finding(c, where, f))]
     if b.across and c.findings:
         out.append(f"each setting is compared across {b.across}")
     if b.met_at:
@@ -99,13 +79,14 @@ def verdict(f: judged.Finding) -> str:
         return f"{f.verdict}, because no setting counts ({'; '.join(why)})"
     if f.verdict is judged.Verdict.REPRODUCED_IF and f.decision:
         return describe_condition(f.decision)
+    if f.verdict is judged.Verdict.REPRODUCED and f.decision:
+        return f"{f.verdict}: there are such {describe_condition(f.decision).removeprefix('reproduced ')}"
     return str(f.verdict)
 
 
 def condition_of(f: judged.Finding) -> str:
     """The rest of the verdict after its first words: ``direction translation``; empty where there is none."""
-    words = verdict(f)
-    return words.removeprefix(str(f.verdict)).lstrip(" ,") if f.verdict is not judged.Verdict.REPRODUCED else ""
+    return verdict(f).removeprefix(str(f.verdict)).lstrip(" ,:")
 
 
 def control(c: judged.Claim) -> str:
@@ -115,59 +96,36 @@ def control(c: judged.Claim) -> str:
     who = join_words(list(c.control.solvers))
     f = c.control.finding
     at = f"over the same {c.because.across}s" if c.because.across else "at the same tolerance"
-    beside = f"{who}, in the same chart, {at} and on the same motion,"
+    beside = f"{who}, in the same chart, {at}, with the same step limit and on the same motion,"
     if f.verdict is judged.Verdict.CANNOT_BE_TOLD:
-        return f"{beside} settles nothing"
+        return f"{beside} settles nothing{_left_alone(c)}"
     if not f.holds:
-        return f"{beside} does not ({quantify(f)})"
+        return f"{beside} does not ({quantify(f)}){_left_alone(c)}"
     found = f"{beside} does so too ({quantify(f)}{_met(f)})"
     if not c.control.both:
-        return f"{found}, but in no setting where the claim holds"
+        return f"{found}, but in no setting where the claim holds{_left_alone(c)}"
     where = f"in {plural(c.control.both, 'setting')} where the claim holds"
-    return f"{found}, {where}: there the claim tells nothing of its own solvers"
+    return f"{found}, {where}: there the claim tells nothing of its own solvers{_left_alone(c)}"
+
+
+def _left_alone(c: judged.Claim) -> str:
+    """``; beside 4 settings where the claim holds it is left out``, and why."""
+    if c.control is None or not c.control.alone:
+        return ""
+    why = "; ".join(LEFT_OUT[x.why] for x in c.control.finding.left_out) or "it was not run there"
+    return f"; beside {plural(c.control.alone, 'setting')} where the claim holds nothing is known of it ({why})"
 
 
 def by_solver(c: judged.Claim) -> str:
     """``by ida_index1 reproduced, for all 4 tried; by ndf_index1 ...``; empty where there is one solver."""
-    return "; ".join(f"by {name} {', '.join(filter(None, (verdict(f), share(f))))}" for name, f in c.by_solver.items())
+    sides = c.by_solver.items(), c.by_solver_beyond.items()
+    found = ["; ".join(f"by {n} {', '.join(filter(None, (verdict(f), share(f))))}" for n, f in side) for side in sides]
+    return "; beyond them ".join(filter(None, found)) if found[0] else f"beyond them {found[1]}" * bool(found[1])
 
 
 def condition_and_share(f: judged.Finding) -> str:
     """Words behind the verdict's mark: for which choices, and for how many of those tried."""
     return "; ".join(filter(None, (condition_of(f), share(f))))
-
-
-def describe_condition(d: judged.Decision) -> str:
-    """``reproduced if tolerance at most 1e-05``, ``reproduced unless gain 0``, or values that suffice."""
-    if d.by:
-        return f"reproduced {'unless' if d.unless else 'if'} {condition(d)}"
-    if not d.any_of:
-        return "reproduced if choices are made as in the rows that hold"
-    terms = [" and ".join(_list_values(n, vs) for n, vs in at.items()) for at in _join_terms(d.any_of)]
-    more = f", and in {plural(d.rest, 'setting')} more" if d.rest else ""
-    return f"reproduced if {', or if '.join(terms)}{more}"
-
-
-def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[judged.Value]]]:
-    """The conditions, those that differ in the value of one dimension as one with both values."""
-    out: list[dict[str, list[judged.Value]]] = []
-    for c in conditions:
-        for term in (t for t in out if t.keys() == c.at.keys()):
-            apart = [n for n in term if c.at[n] not in term[n]]
-            if len(apart) == 1 and all(len(values) == 1 for n, values in term.items() if n != apart[0]):
-                term[apart[0]].append(c.at[apart[0]])
-                break
-        else:
-            out.append({n: [v] for n, v in c.at.items()})
-    return out
-
-
-def _list_values(name: str, values: Sequence[judged.Value]) -> str:
-    """``tolerance 1e-10, 1e-09 or 3e-09``."""
-    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-    ordered = sorted(values) if numbers else list(values)  # type: ignore[type-var]
-    first, *rest = ordered
-    return " or ".join([setting(name, first), *(value(name, v) for v in rest)])
 
 
 def share(f: judged.Finding | None) -> str:
@@ -199,12 +157,16 @@ def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[st
     if f.settings:
         out.append(f"{where} it holds for {quantify(f)}")
         out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
+        out[-1] += f", {plural(f.like, 'setting')} beyond them with the series of one counted with it" * bool(f.like)
         out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
     out += map(_missing, f.missing)
+    if f.lone:
+        out.append(f"{plural(f.lone, 'setting')} that one failed run alone meets counted as not met {where}")
     if f.stopped:
         out.append(f"in {f.stopped} of these {f.holds} because a run stopped before its end")
     if f.decision:
-        out.append(decision(c, f.decision))
+        words = decision(f.decision)
+        out.append(f"{words} (settings of equal series counted each)" if f.rows > f.settings else words)
     for m in f.borderline:
         said = f"with a band {FACTOR} times {m.by} ({metric(c.tests[m.test])}) {m.verdict}, {m.holds} of {m.settings}"
         out.append(f"borderline: {said}")
@@ -216,24 +178,6 @@ def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[st
 def describe_missing(c: judged.Claim) -> str:
     """Whatever is missing to test the claim; empty where it was tested."""
     return "; ".join(map(_missing, c.missing))
-
-
-def decision(c: judged.Claim, d: judged.Decision) -> str:
-    """The condition that separates; else with what it always and never holds, and what matters most."""
-    if d.by:
-        return f"it holds with {condition(d)} never, and always without" if d.unless else (
-            f"it holds with {condition(d)} always, and never without")  # fmt: skip
-    yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
-    parts = [f"{word} with {_list_conditions(some)}" for word, some in (("always", yes), ("never", no)) if some]
-    if d.telling and d.telling in c.factors:
-        counts = ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in c.factors[d.telling])
-        parts.append(f"{spell_out(d.telling)} matters most: {counts}")
-    return "; ".join(parts) or "no dimension varies"
-
-
-def condition(d: judged.Decision) -> str:
-    """``tolerance at most 1e-05 and gauge zero``."""
-    return " and ".join(" or ".join(setting(name, v) for v in values) for name, values in d.by.items())
 
 
 def describe_count(c: judged.Claim) -> str:
@@ -266,12 +210,6 @@ def _describe_row(c: judged.Claim, m: judged.MapRow) -> str:
 def figures(c: judged.Claim) -> str:
     """``6 and 7``."""
     return join_words([str(n) for n in c.figure])
-
-
-def _list_conditions(conditions: Sequence[judged.Condition]) -> str:
-    out = [f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})" for c in conditions]
-    more = [f"and {len(out) - MOST_LISTED} more"] if len(out) > MOST_LISTED else []
-    return "; ".join([*out[:MOST_LISTED], *more])
 
 
 def _missing(m: judged.Missing) -> str:

@@ -69,7 +69,8 @@ def decision(points: Points) -> Decision:
     telling = [n for n in names if None not in names[n]] or list(names)
     most = max(telling, key=lambda n: _information(points, _by(points, n, names[n])), default="")
     enough = sufficient(points)
-    return Decision({}, False, pure, most, enough, _count_outside(points, enough))
+    told = tuple(_by(points, most, names[most])) if most else ()
+    return Decision({}, False, pure, most, enough, _count_outside(points, enough), told)
 
 
 def decide_along(name: str, met: Sequence[Any], tried: Sequence[Any]) -> Decision:

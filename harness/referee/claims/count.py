@@ -32,13 +32,23 @@ from ...suites.spec import RunSpec
 from . import register as given
 from .conditions import factors
 from .evidence import MEASURES
-from .findings import Tried, ask_control, dimensions_of, find_chosen, find_sides, merge_equal, split_by_solver
+from .findings import (
+    Tried,
+    ask_control,
+    dimensions_of,
+    find_chosen,
+    find_sides,
+    merge_equal,
+    split_by_solver,
+    split_sides,
+)
 from .maps import Place, find_varied, place, values_of
 from .numbers import Numbers, SeriesOf, shorten
 from .points import Point, points
 from .predicates import FACTOR, RATIOS, Band
 from .register import Register
 
+EITHER_WAY = ("jacobian", "norm")  # what a classical code may be taken for depends on these
 COUNTS = {c.name for c in COLUMNS if c.type is int}
 SHOWN = (
     "tolerance", "gain", "form", "chart", "lambda_in_error_test", "consistent_start", "frame", "gauge", "sigma0",
@@ -82,21 +92,22 @@ def _judge_claim(claim: given.Claim, register: Register, tried: Tried, numbers: 
     elif not (paper or beyond):
         paper, beyond = (Finding(Verdict.CANNOT_BE_TOLD),) * 2 if claim.map and claim.map.printed else (
             None, Finding(Verdict.CANNOT_BE_TOLD))  # fmt: skip
+    printed, rest = ((), ()) if missing else split_sides(rows)
+    by_solver, by_solver_beyond = (split_by_solver(claim, side) for side in (printed or rest, rest if printed else ()))
     twins = {p.places[0].spec.settings_id for row in rows for p in row[1:]}
     shown = _choose_shown(claim, counted)
     values = [v for v in (p.numbers[0] for p in counted) if v == v] or ([math.nan] if counted else [])
     return Claim(
         claim.id, claim.kind, claim.section, claim.figure, claim.quote, claim.claim,
         paper, beyond,
-        tests=tuple(_test(t, shown, k) for k, t in enumerate(claim.tests)),
+        tests=tuple(_test(t, shown, k, numbers) for k, t in enumerate(claim.tests)),
         measured_range=(shorten(min(values)), shorten(max(values))) if values else (),
-        because=_because(register, found, claim.across), missing=tuple(missing), caveats=claim.caveats,
-        settings=_settings(own, others), against=tuple(dict.fromkeys(p.spec.case for p in others)),
+        because=_because(register, own, found, claim.across), missing=tuple(missing), caveats=claim.caveats,
+        settings=_settings(counted, own, others), against=tuple(dict.fromkeys(p.spec.case for p in others)),
         settings_ids=tuple(p.spec.settings_id for p in (*own, *others)),
         factors=factors(dimensions_of(claim, counted)) if counted else {},
         map=tuple(_row(claim, p, numbers.records, twins, beside.get(id(p))) for p in found),
-        by_solver={} if missing else split_by_solver(claim, rows), control=control,
-        summary=claim.summary,
+        by_solver=by_solver, control=control, summary=claim.summary, by_solver_beyond=by_solver_beyond,
     )  # fmt: skip
 
 
@@ -126,11 +137,21 @@ def _find_unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequen
 
 
 def _choose_shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
-    """The setting whose numbers stand in the table: the first printed one, else the one that speaks most against it."""
+    """The setting whose numbers stand in the table: of the printed ones, if there are, one that the verdict rests on.
+
+    That is the one that speaks most against the claim; where none meets it, or one suffices, the nearest.
+    """
     measurable = [p for p in counted if p.numbers[0] == p.numbers[0]] or list(counted)
-    printed = next((p for p in measurable if p.printed), None)
-    against = max(measurable, key=lambda p: (not p.holds, claim.tests[0].band.beyond(p.numbers[0])), default=None)
-    return printed or against
+    asked = [p for p in measurable if p.printed] or measurable
+
+    def away(p: Point) -> tuple[bool, float]:
+        return not p.holds, max(t.band.beyond(v) for t, v in zip(claim.tests, p.numbers, strict=True))
+
+    def near(p: Point) -> tuple[bool, bool, float]:
+        return not p.holds, any(map(math.isinf, p.numbers)), away(p)[1]
+
+    nearest = claim.quantifier == "some" or not any(p.holds for p in asked)
+    return min(asked, key=near, default=None) if nearest else max(asked, key=away, default=None)
 
 
 def _move(test: given.Test, factor: float, end: float) -> Band:
@@ -164,28 +185,53 @@ def _borderline(
     return paper, beyond
 
 
-def _because(register: Register, found: Sequence[Point], across: str) -> Because:
+def _because(register: Register, own: Sequence[Place], found: Sequence[Point], across: str) -> Because:
+    """What the judged settings rest on; ``found`` are all of the map."""
     holding = [p for p in found if p.holds]
     met = Counter(v for p in holding for v in p.met_at)
-    solvers = values_of(q.dimensions["solver"] for p in found for q in p.places)
-    stand_ins = tuple(register.solvers[s] for s in solvers if s in register.solvers)
-    return Because(across, tuple(Count(v, met[v], len(holding)) for v in values_of(met)), stand_ins)
+    judged = values_of(q.spec.solver for p in found if p.holds is not None for q in p.places)
+    stand_ins = tuple(register.solvers[s] for s in judged if s in register.solvers)
+    unjudged = tuple(values_of(p.spec.solver for p in own if judged and p.spec.solver not in judged))
+    return Because(across, tuple(Count(v, met[v], len(holding)) for v in values_of(met)), stand_ins, unjudged)
 
 
-def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[Value, ...]]:
+def _settings(counted: Sequence[Point], own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[Value, ...]]:
+    """The values of the settings that are judged, or of all where none is; ``EITHER_WAY`` also where there is one."""
+    if counted:
+        own, others = ([q for p in counted for q in places(p)] for places in (_places_of, _beside_of))
     if not (places := [*own, *others]):
         return {}
     out = {k: tuple(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
     chosen = find_chosen(own) - out.keys()
     rest = {k: v for k, v in find_varied([p.dimensions for p in own]).items() if k in chosen}
+    either = {k: values_of(p.dimensions[k] for p in own if k in p.dimensions) for k in EITHER_WAY}
+    rest = {**rest, **{k: v for k, v in either.items() if v and k not in rest}}
     return out | {k: tuple(text_of(x) if isinstance(x, list | tuple) else x for x in v) for k, v in rest.items()}
 
 
-def _test(test: given.Test, shown: Point | None, k: int) -> Test:
+def _places_of(p: Point) -> tuple[Place, ...]:
+    return p.places
+
+
+def _beside_of(p: Point) -> tuple[Place, ...]:
+    return p.beside
+
+
+def _test(test: given.Test, shown: Point | None, k: int, numbers: Numbers) -> Test:
     number = shown.numbers[k] if shown else math.nan
     low, high = (v if math.isfinite(v) else None for v in (test.at_least, test.at_most))
     return Test(test.metric, test.arguments, test.combine, test.compare, test.unit, (low, high),
-                shorten(number), number == math.inf)  # fmt: skip
+                shorten(number), number == math.inf, _find_rival(test, shown, numbers))  # fmt: skip
+
+
+def _find_rival(test: given.Test, shown: Point | None, numbers: Numbers) -> str:
+    """The run whose number the shown one is compared with; empty where it is not with the smallest or largest."""
+    choose = {"over smallest": min, "over largest": max, "minus largest": max}.get(test.compare)
+    if shown is None or choose is None or MEASURES[test.metric].of_pair or not shown.beside:
+        return ""
+    sizes = {q.spec.case: numbers.of(q.spec.settings_id, test) for q in shown.beside}
+    known = {case: v for case, v in sizes.items() if not math.isnan(v)}
+    return choose(known, key=lambda case: known[case]) if known else ""
 
 
 def _row(

@@ -1,12 +1,18 @@
 """How a run ended, and what can be concluded from one that was cut short.
 
 A run that got to its end or failed by itself is final: where it ended is settled, and so is what no rest of it could
-change. One that a clock, its memory or its budget of steps ended might have continued, and one that did not get as far
-as one step of the size it may take has no motion to judge: these settle only what they had settled.
+change. One that a clock, its memory or its budget of steps ended might have continued, and so might one whose joint had
+come apart: we ended them, not their solver. One that did not get as far as one step of the size it may take has no
+motion to judge. These settle only what they had settled.
 """
 
+import json
 import math
+from functools import cache
 
+import numpy as np
+
+from ...catalogue import registry
 from ...results.judgements.claims import Ending
 from ...results.provisional import is_provisional
 from ...results.records import RunRecord
@@ -14,6 +20,7 @@ from ...results.series import Series
 from ...types import EndedBy, Status
 from .measures import END, MEASURES, reached_end
 from .register import Test
+from .steps import START_UP
 
 LAST = 0.1  # of the steps taken: the pace of a run is that of these
 STUCK = 0.01  # of the step asked for: a pace below it would need more than a hundred times the steps
@@ -26,6 +33,8 @@ def classify_ending(record: RunRecord, series: Series | None = None) -> Ending:
         return Ending.MACHINE
     if by_budget(record):
         return Ending.FINAL if series is None or is_stuck(record, pace(record, series)) else Ending.SLOW
+    if by_open_joint(record):
+        return Ending.APART
     return Ending.FINAL if has_started(record) else Ending.NO_START
 
 
@@ -34,6 +43,29 @@ def has_started(record: RunRecord) -> bool:
     if reached_end(record) or record.status == Status.REFUSED:
         return True
     return record.steps > 0 and not record.t_reached_s < largest_step(record)
+
+
+def stops_in_start_up(record: RunRecord) -> bool:
+    """Whether a run stopped in the first hundredth of its time, where claims on the time of a stop do not look."""
+    return not reached_end(record) and not record.t_reached_s > START_UP * record.t_end_s
+
+
+def by_open_joint(record: RunRecord) -> bool:
+    """Whether the guard that the solvers with error control share ended it: joints open by the length of their arms.
+
+    It calls such a run diverged, or singular where the rows were nearly dependent; ODE-GC has no such guard.
+    """
+    if reached_end(record) or record.status not in (Status.DIVERGED, Status.SINGULAR) or math.isnan(record.phi_end):
+        return False
+    return bool(record.phi_end > _longest_arm(record.problem, record.problem_parameters))
+
+
+@cache
+def _longest_arm(problem: str, parameters: str) -> float:
+    """The largest component of a joint's arm [m]; infinite where there is no arm."""
+    system = registry.make_problem(problem, json.loads(parameters)).system
+    longest = max(float(np.max(np.abs(a), initial=0.0)) for a in (system.joint_s_i, system.joint_s_j))
+    return longest or math.inf
 
 
 def by_budget(record: RunRecord) -> bool:

@@ -115,6 +115,13 @@ def value(record: RunRecord, s: Series, series: str, at: float) -> float:
     return float(np.interp(at, t, a))
 
 
+@measure("series from to", "partial", grows=True)
+def rise(record: RunRecord, s: Series, series: str, begin: float, to: float, **within: Any) -> float:
+    """Highest of the series from ``from`` to ``to``, less its value at ``from``."""
+    a = stretch(record, s, series, begin, to, **within)
+    return NAN if a is None else bound(a, np.max(a)) - value(record, s, series, begin)
+
+
 @measure("series at", until="known")
 def rate(record: RunRecord, s: Series, series: str, at: float) -> float:
     """|d series/dt| over the first step that ends after ``at``."""

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace as replace_point
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -15,7 +16,7 @@ from .numbers import Numbers
 from .points import Point, points, stands_beside
 from .predicates import NEAREST
 
-CUT = (Ending.MACHINE, Ending.SLOW, Ending.EARLY)  # a run ended before the moment asked about
+CUT = (Ending.MACHINE, Ending.SLOW, Ending.APART, Ending.EARLY)  # a run ended before the moment asked about
 FEW = 0.1  # of the settings asked: fewer that got to that moment settle nothing
 
 
@@ -36,10 +37,13 @@ def ask_control(
     claim: given.Claim, rows: Sequence[Sequence[Point]], tried: Tried, numbers: Numbers
 ) -> tuple[Control | None, dict[int, Point]]:
     """The finding on the control runs beside the settings of the first verdict, and the one beside each point."""
-    asked = points(replace(claim, map=claim.control), tried.controls, tried.others, numbers)
+    asked: dict[tuple[object, ...], list[Point]] = {}  # by the values along ``across`` that a setting has
     beside = {}
     for p in (p for row in rows for p in row):
-        found = [q for q in asked if stands_beside(claim, p.places[0], q.places[0])]
+        along = _values_along(claim, p)
+        if along not in asked:
+            asked[along] = _ask_over(claim, along, tried, numbers)
+        found = [q for q in asked[along] if stands_beside(claim, p.places[0], q.places[0])]
         if found:
             beside[id(p)] = min(found, key=lambda q: q.holds is None)
     first = _first_side(rows)
@@ -47,8 +51,26 @@ def ask_control(
     if not used:
         return None, beside
     both = sum(any((q := beside.get(id(p))) and _both_hold(p, q) for p in row) for row in first)
+    alone = sum(bool(row[0].holds) and not any(_settles(beside.get(id(p))) for p in row) for row in first)
     finding = find(claim, merge_equal(claim, list(used.values())), decide=True, explain=True)
-    return Control(tuple(values_of(p.spec.solver for p in tried.controls)), finding, both), beside
+    return Control(tuple(values_of(p.spec.solver for p in tried.controls)), finding, both, alone), beside
+
+
+def _values_along(claim: given.Claim, p: Point) -> tuple[object, ...]:
+    """The values along ``across`` of a setting; without it there are none."""
+    return tuple(values_of(q.dimensions[claim.across] for q in p.places)) if claim.across else ()
+
+
+def _ask_over(claim: given.Claim, along: tuple[object, ...], tried: Tried, numbers: Numbers) -> list[Point]:
+    """The control asked over the values of the setting that it stands beside, where it has each of them."""
+    own = [q for q in tried.controls if not along or q.dimensions.get(claim.across) in along]
+    asked = points(replace(claim, map=claim.control), own, tried.others, numbers)
+    return [q for q in asked if _values_along(claim, q) == along]
+
+
+def _settles(q: Point | None) -> bool:
+    """Whether a control stands there and decides."""
+    return q is not None and q.holds is not None
 
 
 def _both_hold(p: Point, q: Point) -> bool:
@@ -57,16 +79,28 @@ def _both_hold(p: Point, q: Point) -> bool:
 
 
 def split_by_solver(claim: given.Claim, rows: Sequence[Sequence[Point]]) -> dict[str, Finding]:
-    """The first finding for each solver, where there are several."""
+    """The finding on these settings for each solver, where there are several.
+
+    What hangs on one failed run is said of all of them together: of a part it would contradict the whole.
+    """
     own: dict[str, list[Sequence[Point]]] = {}
-    for row in _first_side(rows):
+    for row in rows:
         own.setdefault(row[0].places[0].spec.solver, []).append(row)
-    return {name: find(claim, own[name], True, True) for name in sorted(own)} if len(own) > 1 else {}
+    if len(own) < 2:
+        return {}
+    hangs = any(m.gap is Gap.HANGS for m in find(claim, rows, True, False).missing)
+    return {name: find(claim, own[name], True, True, hangs=hangs) for name in sorted(own)}
+
+
+def split_sides(rows: Sequence[Sequence[Point]]) -> tuple[list[Sequence[Point]], list[Sequence[Point]]]:
+    """The settings that the paper prints, and the others; one whose series is that of a printed one is among these."""
+    printed = [row for row in rows if any(p.printed for p in row)]
+    return printed, [row for row in rows if not any(p.printed for p in row)]
 
 
 def _first_side(rows: Sequence[Sequence[Point]]) -> list[Sequence[Point]]:
     """The rows that the paper prints, else all."""
-    return [row for row in rows if any(p.printed for p in row)] or list(rows)
+    return split_sides(rows)[0] or list(rows)
 
 
 def merge_equal(claim: given.Claim, found: Sequence[Point]) -> list[list[Point]]:
@@ -84,18 +118,25 @@ def find_sides(
     claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool = True, explain: bool = True
 ) -> tuple[Finding | None, Finding | None]:
     """At the settings that the paper prints, and at the others; a row of which one is printed is at the paper's."""
-    sides = [[row for row in rows if any(p.printed for p in row) is side] for side in (True, False)]
-    return tuple(find(claim, side, decide, explain) if side else None for side in sides)  # type: ignore[return-value]
+    sides = (find(claim, side, decide, explain) if side else None for side in split_sides(rows))
+    return tuple(sides)  # type: ignore[return-value]
 
 
-def find(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool, explain: bool) -> Finding:
-    """Count the settings that hold, and conclude; ``explain``: name the choices with which they do."""
-    counted = [row for row in rows if row[0].holds is not None]
+def find(
+    claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool, explain: bool, *, hangs: bool = True
+) -> Finding:
+    """Count the settings that hold, and conclude; ``explain``: name the choices with which they do.
+
+    ``hangs``: conclude nothing where the verdict hangs on one run that failed.
+    """
+    counted, lone = _set_back([row for row in rows if row[0].holds is not None])
     holding = [row for row in counted if row[0].holds]
-    every = [p for row in counted for p in row]
+    own = [[p for p in row if p.printed] or row for row in counted]  # a printed setting is not told by others like it
+    every = [p for row in own for p in row]
     left = Counter(row[0].left_out for row in rows if row[0].holds is None)
     verdict = _verdict(claim, len(holding), len(counted)) if decide else Verdict.CANNOT_BE_TOLD
     missing = _doubts(claim, [row[0] for row in counted], left) if decide else []
+    missing = [m for m in missing if hangs or m.gap is not Gap.HANGS]
     values = {q.dimensions[claim.across] for row in rows for p in row for q in p.places} if _one_suffices(claim) else ()
     met = {v for p in every for v in p.met_at}
     some = bool(values) and any(len(set(row[0].met_at)) < len(values) for row in counted)
@@ -106,13 +147,27 @@ def find(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool, expl
         verdict = Verdict.REPRODUCED_IF
         shared = set.intersection(*(set(row[0].met_at) for row in counted))
         why = decide_along(claim.across, tuple(shared), values_of(values)) if shared else None
-    if verdict is Verdict.REPRODUCED_IF and explain and why is None:
+    divided = claim.quantifier == "some" and verdict is Verdict.REPRODUCED and len(holding) < len(counted)
+    if (verdict is Verdict.REPRODUCED_IF or divided) and explain and why is None:
         why = decision(_spread_along(claim, every) if some else dimensions_of(claim, every))
     return Finding(
         verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding), why, (),
         tuple(LeftOut(how, left[how]) for how in Ending if left[how]),
-        (len(met), len(values)) if values else None, tuple(missing),
+        (len(met), len(values)) if values else None, tuple(missing), sum(map(len, counted)) - len(every), lone,
     )  # fmt: skip
+
+
+def _set_back(counted: Sequence[Sequence[Point]]) -> tuple[list[Sequence[Point]], int]:
+    """The settings with those that one failed run alone meets as not met, if others hold; and how many these are."""
+    lone = [bool(row[0].holds and row[0].failed and row[0].met_at) for row in counted]
+    if not any(row[0].holds and not alone for row, alone in zip(counted, lone, strict=True)):
+        return list(counted), 0
+    return [_not_met(row) if alone else row for row, alone in zip(counted, lone, strict=True)], sum(lone)
+
+
+def _not_met(row: Sequence[Point]) -> list[Point]:
+    """The same settings where nothing meets the claim, whether or not the failed run counts."""
+    return [replace_point(p, holds=False, met_at=(), failed=False) for p in row]
 
 
 def _one_suffices(claim: given.Claim) -> bool:
@@ -134,6 +189,8 @@ def _doubts(claim: given.Claim, counted: Sequence[Point], left: Mapping[Ending, 
     if counted and len(counted) < FEW * asked:
         return [Missing(Gap.REACHED, found=len(counted), wanted=asked)]
     holding, total = sum(p.holds is True for p in counted), len(counted)
+    if total == 1 and counted[0].failed and any(left.values()):  # one failed run is all that is left of several
+        return [Missing(Gap.HANGS, counted[0].places[0].spec.case)]
     for p in counted:
         rest = total if p.met_at else total - 1  # one of several values less leaves the setting, but nothing meets it
         without = _verdict(claim, holding - bool(p.holds), rest)

@@ -13,8 +13,7 @@ from typing import Any
 from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.work import operations
-from ...types import Status
-from .endings import ends_early, gets_to, in_time, is_settled
+from .endings import ends_early, gets_to, in_time, is_settled, stops_in_start_up
 from .evidence import MEASURES
 from .maps import Place, is_printed
 from .measures import reached_end
@@ -23,7 +22,7 @@ from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
 
 LOOSEST_FIRST = ("tolerance", "step", "max_step")
-BESIDE = ("problem", "omega_z", "literal_start", "release", "duration", "frame", "chart", "tolerance")  # of a control
+BESIDE = ("problem", "omega_z", "literal_start", "release", "duration", "frame", "chart", "tolerance", "max_step")
 ACTS = 0.01  # of the mean step: a reduction that changes it by less has acted on no steps
 
 
@@ -39,7 +38,8 @@ class Point:
     stopped: bool = False  # holds, and by a number that is endless because the run stopped
     met_at: tuple[Any, ...] = ()  # the values that meet the claim, where one along ``across`` suffices
     series: tuple[str, ...] = ()  # digests of the series it rests on; empty where one is missing
-    failed: bool = False  # it rests on a run that failed
+    failed: bool = False  # it rests on a run that stopped before the moment asked about
+    beside: tuple[Place, ...] = ()  # the runs that it is compared with
 
 
 def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers: Numbers) -> list[Point]:
@@ -85,7 +85,7 @@ def _name_range(claim: Claim) -> str:
 
 
 def stands_beside(claim: Claim, p: Place, q: Place) -> bool:
-    """Whether a control run ``q`` is of the motion, chart and tolerance of ``p``, as far as both have them."""
+    """Whether a control run ``q`` is of the motion, chart, tolerance and step limit of ``p``, as far as both have."""
     asked = (*BESIDE, _name_range(claim))
     shared = (k for k in asked if k in p.dimensions and k in q.dimensions and k != claim.across)
     return all(p.dimensions[k] == q.dimensions[k] for k in shared)
@@ -108,19 +108,22 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     beside = [q for p in ordered for q in partners[p.spec.settings_id]]
     used = [*ordered, *beside]
     each = [_finding(claim, t, v, ordered, beside, numbers) for t, v in zip(claim.tests, found, strict=True)]
+    stopped = any(MEASURES[t.metric].of_stopped for t in claim.tests)
     holds = False if False in each else None if None in each else True
+    if stopped and any(h is None for t, h in zip(claim.tests, each, strict=True) if MEASURES[t.metric].of_stopped):
+        holds = None  # it did not stop by itself, which is what the claim is about
     printed = claim.map is not None and any(is_printed(p, claim.map.printed) for p in ordered)
+    printed = printed or all(MEASURES[t.metric].of_problem for t in claim.tests)  # no setting of a solver enters
     endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
     endings = {_ending(claim, p, numbers) for p in used} - {Ending.FINAL}
     asked = [(t, v) for t, v in zip(claim.tests, found, strict=True) if not _compares(t)]
     early = any(_ends_early(claim, t, v, used, numbers) for t, v in asked)
-    stopped = any(MEASURES[t.metric].of_stopped for t in claim.tests)
     rest = Ending.EARLY if early else Ending.ENDED if stopped else Ending.UNCOMPARED
     why = next((how for how in Ending if how in endings), rest) if holds is None else Ending.FINAL
     series = [numbers.records[p.spec.settings_id].series_sha256 for p in (*ordered, *_sort_places(beside))]
-    failed = not all(Status(numbers.records[p.spec.settings_id].status).lawful for p in ordered)
+    failed = not all(gets_to(t, numbers.records[p.spec.settings_id]) for t in claim.tests for p in ordered)
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless), (),
-                 tuple(series) if all(series) else (), failed)  # fmt: skip
+                 tuple(series) if all(series) else (), failed, tuple(beside))  # fmt: skip
 
 
 def _nearest(
@@ -138,7 +141,8 @@ def _nearest(
     met = tuple(p.dimensions[claim.across] for p, q in zip(ordered, each, strict=True) if q.holds)
     series = tuple(s for p in each for s in p.series) if all(p.series for p in each) else ()
     printed, failed = any(p.printed for p in each), best.failed and len(met) == 1
-    return replace(best, places=places, printed=printed, met_at=met, series=series, failed=failed)
+    beside = tuple(q for p in each for q in p.beside)
+    return replace(best, places=places, printed=printed, met_at=met, series=series, failed=failed, beside=beside)
 
 
 def _finding(
@@ -189,6 +193,9 @@ def _dearer(own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> 
 
 def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
     how = numbers.endings[p.spec.settings_id]
+    asks_when = any(MEASURES[t.metric].of_stopped for t in claim.tests)
+    if how is Ending.FINAL and asks_when and stops_in_start_up(numbers.records[p.spec.settings_id]):
+        return Ending.START_UP
     return Ending.FINAL if claim.starting and how is Ending.NO_START else how
 
 
@@ -197,7 +204,7 @@ def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers)
 
     Where there are none, the cheapest that got to its end: what beats it at less work beats all at equal work.
     """
-    found = [q for q in others if is_partner(claim, p, q)]
+    found = [q for q in others if is_partner(claim, p, q) and not (claim.must_act and _is_same(p, q, numbers))]
     own = numbers.records[p.spec.settings_id]
     if not claim.at_equal_work or not reached_end(own):
         return found
@@ -207,6 +214,12 @@ def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers)
 
     ended = sorted((q for q in found if reached_end(numbers.records[q.spec.settings_id])), key=work)
     return [q for q in found if work(q) <= operations(own)] or ended[:1]
+
+
+def _is_same(p: Place, q: Place, numbers: Numbers) -> bool:
+    """Whether two runs have one series."""
+    one, other = (numbers.records[x.spec.settings_id].series_sha256 for x in (p, q))
+    return bool(one) and one == other
 
 
 def _leave_reduced(test: Test, ordered: Sequence[Place], numbers: Numbers) -> list[Place]:

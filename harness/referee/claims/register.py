@@ -76,7 +76,7 @@ class Claim(Shape, frozen=True):
 
     id: Text
     section: Text
-    quote: Annotated[str, Meta(pattern=r"\S", max_length=140, description="a line of at most 140 characters")]
+    quote: Annotated[str, Meta(pattern=r"\S", max_length=400, description="a line of at most 400 characters")]
     claim: Text
     figure: tuple[Annotated[int, Meta(ge=1, le=12)], ...] = ()
     tests: tuple[Test, ...] = ()
@@ -84,6 +84,7 @@ class Claim(Shape, frozen=True):
     against: Map | None = None
     pair_by: tuple[str, ...] = ()
     at_equal_work: bool = False  # compared with the runs of no more operations alone
+    must_act: bool = False  # runs of equal series are not compared: what they differ in acted on nothing
     across: str = ""
     along: Annotated[int, Meta(ge=2)] | tuple[float, ...] = 2  # the values that a group must have, or how many
     ranges: tuple[tuple[float, float], ...] = ()  # of ``across``, each a reading of its own: from the first to the last
@@ -152,6 +153,8 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
             raise FileError(f"{at}: along and ranges go with across")
         if claim.at_equal_work and claim.against is None:
             raise FileError(f"{at}: at_equal_work goes with against")
+        if claim.must_act and claim.against is None:
+            raise FileError(f"{at}: must_act goes with against")
         if bool(t.compare) != (claim.against is not None):
             raise FileError(f"{at}: test {k + 1}: compare goes with against, and against with compare")
     return claim

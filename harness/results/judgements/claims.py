@@ -31,7 +31,9 @@ class Ending(StrEnum):
     MACHINE = "limit of the machine"
     UNCOMPARED = "nothing to compare"
     SLOW = "budget of steps"
+    APART = "joints came apart"  # the guard that all solvers share ended it, not the solver
     NO_START = "no start"
+    START_UP = "start-up"  # it stopped in the first hundredth of its time, where it is asked when runs stop
     ENDED = "no early end"
     EARLY = "an early end"
 
@@ -70,6 +72,7 @@ class Test(Shape, frozen=True):
     band: Band
     measured: float  # at the setting shown; NaN for an unbounded number too
     unbounded: bool = False
+    rival: str = ""  # the run with the smallest or largest of the numbers that it is compared with
 
 
 class Count(Shape, frozen=True):
@@ -103,6 +106,7 @@ class Decision(Shape, frozen=True):
     telling: str = ""
     any_of: tuple[Condition, ...] = ()
     rest: int = 0
+    told: tuple[Count, ...] = ()  # the settings with each value of ``telling``
 
 
 class LeftOut(Shape, frozen=True):
@@ -135,6 +139,8 @@ class Finding(Shape, frozen=True):
     left_out: tuple[LeftOut, ...] = ()
     met: tuple[int, int] | None = None  # values along ``across`` that meet it, of those tried, where one suffices
     missing: tuple[Missing, ...] = ()  # why a count settles nothing
+    like: int = 0  # settings that the paper does not print, with the series of one that it does: counted with that
+    lone: int = 0  # settings that one failed run alone meets, along ``across``: counted as not met beside others
 
 
 class Control(Shape, frozen=True):
@@ -143,6 +149,7 @@ class Control(Shape, frozen=True):
     solvers: tuple[str, ...]
     finding: Finding  # on those beside the settings of the first verdict
     both: int = 0  # of these settings: the claim holds in them, and so it does for the control beside
+    alone: int = 0  # of these: the claim holds in them, and the control is not there or left open
 
 
 class Because(Shape, frozen=True):
@@ -150,7 +157,8 @@ class Because(Shape, frozen=True):
 
     across: str = ""  # the dimension along which runs are looked at together
     met_at: tuple[Count, ...] = ()  # values along ``across`` that meet the claim, where one suffices
-    stand_ins: tuple[str, ...] = ()  # what the solvers may be taken for, in the register's words
+    stand_ins: tuple[str, ...] = ()  # what the judged solvers may be taken for, in the register's words
+    unjudged: tuple[str, ...] = ()  # solvers whose runs are in the map, and of which no setting is judged
 
 
 class MapRow(Shape, frozen=True):
@@ -192,6 +200,7 @@ class Claim(Shape, frozen=True):
     factors: dict[str, tuple[Count, ...]]
     map: tuple[MapRow, ...]
     by_solver: dict[str, Finding] = msgspec.field(default_factory=dict)  # the first finding, where there are several
+    by_solver_beyond: dict[str, Finding] = msgspec.field(default_factory=dict)  # that beyond the paper's settings
     control: Control | None = None
     summary: bool = False  # on what the abstract or the conclusions say
 

@@ -150,9 +150,9 @@ def test_few_that_got_to_the_moment_settle_nothing():
 
 
 def test_an_identity_counts_once():
-    """The number of bodies is the problem's, whatever the solver: twelve settings are one."""
+    """The number of bodies is the problem's, whatever the solver: twelve settings are one, and no other is printed."""
     c = claim('map = "m"\ntests = [{ metric = "number", of = "bodies", at_least = 1, at_most = 1, unit = "" }]\n')
-    assert (c.verdict, c.beyond.holds, c.beyond.settings, c.beyond.rows) == ("reproduced", 1, 1, 12)
+    assert (c.verdict, c.paper.holds, c.paper.settings, c.paper.rows) == ("reproduced", 1, 1, 12)
 
 
 def test_a_run_that_ended_before_the_moment_asked_about_is_open():

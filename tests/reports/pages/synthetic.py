@@ -74,7 +74,8 @@ def claims(runs: Sequence[str]) -> tuple[Claim, ...]:
     left = sum(m.holds is None for m in at)
     mixed = Finding(
         Verdict.REPRODUCED_IF, sum(m.holds is True for m in at) - 1, len(at) - left - 3, len(at) - left - 1, 1,
-        Decision({}, False, (Condition({"gain": 0.0}, 6, 6), Condition({"chart": HOSTILE}, 0, 2)), "gain"),
+        Decision({}, False, (Condition({"gain": 0.0}, 6, 6), Condition({"chart": HOSTILE}, 0, 2)), "gain",
+                 told=(Count(0.0, 6, 6), Count(5.0, 2, 6))),
         (Moved(0, "wider", Verdict.REPRODUCED, 9, 9),), (LeftOut(Ending.SLOW, left),),
     )  # fmt: skip
 

@@ -84,9 +84,9 @@ def test_a_number_that_does_not_exist_is_said_so():
 
 def test_conditions_are_worded_with_counts():
     """One dimension that separates, two that do, and a mixed map."""
-    words = decision(synthetic.CLAIM, Decision({"chart": ("euler313",)}))
+    words = decision(Decision({"chart": ("euler313",)}))
     assert words == "it holds with chart euler313 always, and never without"
-    words = decision(synthetic.CLAIM, Decision({"gain": (0.0, 5.0), "lambda_in_error_test": (True,)}, unless=True))
+    words = decision(Decision({"gain": (0.0, 5.0), "lambda_in_error_test": (True,)}, unless=True))
     assert words == "it holds with gain 0 or gain 5 and multipliers in the error test never, and always without"
     mixed = because(rows()[3])
     assert "always with gain 0 (6 of 6)" in mixed.lower() and "gain matters most: gain 0 6 of 6" in mixed

@@ -1,0 +1,97 @@
+"""Choices in words: a value of a dimension, a setting, and the condition under which a claim holds."""
+
+from collections.abc import Sequence
+
+from ...harness.results.judgements import claims as judged
+from .words import plural
+
+MOST_LISTED = 6  # combinations listed one by one
+FLAGS = {
+    "lambda_in_error_test": ("multipliers in the error test", "multipliers outside the error test"),
+    "velocities_in_error_test": ("velocities in the error test", "velocities outside the error test"),
+    "consistent_start": ("a consistent start", "a start from lambda = 0"),
+}
+
+
+def value(name: str, given: judged.Value) -> str:
+    """A value of a dimension: ``5``, ``a consistent start``."""
+    if isinstance(given, bool):
+        return FLAGS.get(name, (spell_out(name), f"no {spell_out(name)}"))[not given]
+    if given is None:
+        return f"no {spell_out(name)}"
+    return given if isinstance(given, str) else f"{given:g}"
+
+
+def setting(name: str, given: judged.Value) -> str:
+    """The same with the dimension where it is needed: ``gain 5``."""
+    alone = given is None or isinstance(given, bool) or name in ("problem", "solver", "frame")
+    return value(name, given) if alone else f"{spell_out(name)} {value(name, given)}"
+
+
+def spell_out(name: str) -> str:
+    """A name with spaces for underscores."""
+    return name.replace("_", " ")
+
+
+def describe_condition(d: judged.Decision) -> str:
+    """``reproduced if tolerance at most 1e-05``, ``reproduced unless gain 0``, or values that suffice."""
+    if d.by:
+        return f"reproduced {'unless' if d.unless else 'if'} {condition(d)}"
+    if not d.any_of:
+        return "reproduced if choices are made as in the rows that hold"
+    terms = [" and ".join(_list_values(n, vs) for n, vs in at.items()) for at in _join_terms(d.any_of)]
+    more = f", and in {plural(d.rest, 'setting')} more" if d.rest else ""
+    return f"reproduced if {', or if '.join(terms)}{more}"
+
+
+def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[judged.Value]]]:
+    """The conditions, those that differ in the value of one dimension as one with both values."""
+    out: list[dict[str, list[judged.Value]]] = []
+    for c in conditions:
+        for term in (t for t in out if t.keys() == c.at.keys()):
+            apart = [n for n in term if c.at[n] not in term[n]]
+            if len(apart) == 1 and all(len(values) == 1 for n, values in term.items() if n != apart[0]):
+                term[apart[0]].append(c.at[apart[0]])
+                break
+        else:
+            out.append({n: [v] for n, v in c.at.items()})
+    return out
+
+
+def _list_values(name: str, values: Sequence[judged.Value]) -> str:
+    """``tolerance 1e-10, 1e-09 or 3e-09``."""
+    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+    ordered = sorted(values) if numbers else list(values)  # type: ignore[type-var]
+    first, *rest = ordered
+    return " or ".join([setting(name, first), *(value(name, v) for v in rest)])
+
+
+def decision(d: judged.Decision) -> str:
+    """The condition that separates; else with what it always and never holds, and what matters most."""
+    if d.by:
+        return f"it holds with {condition(d)} never, and always without" if d.unless else (
+            f"it holds with {condition(d)} always, and never without")  # fmt: skip
+    yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
+    parts = [f"{word} with {_list_conditions(some)}" for word, some in (("always", yes), ("never", no)) if some]
+    if d.told:
+        parts.append(f"{spell_out(d.telling)} matters most: {_list_counts(d)}")
+    return "; ".join(parts) or "no dimension varies"
+
+
+def _list_counts(d: judged.Decision) -> str:
+    """``gain 0 1 of 3, gain 5 3 of 3``; of many values how many always, sometimes and never go with it."""
+    if len(d.told) <= MOST_LISTED:
+        return ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in d.told)
+    always, never = sum(f.holds == f.settings for f in d.told), sum(not f.holds for f in d.told)
+    return f"of its {len(d.told)} values {always} always, {len(d.told) - always - never} sometimes, {never} never"
+
+
+def condition(d: judged.Decision) -> str:
+    """``tolerance at most 1e-05 and gauge zero``."""
+    return " and ".join(" or ".join(setting(name, v) for v in values) for name, values in d.by.items())
+
+
+def _list_conditions(conditions: Sequence[judged.Condition]) -> str:
+    out = [f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})" for c in conditions]
+    more = [f"and {len(out) - MOST_LISTED} more"] if len(out) > MOST_LISTED else []
+    return "; ".join([*out[:MOST_LISTED], *more])
