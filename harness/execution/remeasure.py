@@ -66,13 +66,13 @@ def measure_again(
                 specs[record.run_id] = asked.get(record.settings_id) or rebuild_spec(record)
             except ValueError as error:
                 done.left.append((record, str(error)))
-        series = {r.run_id: store.series_of(folder, r, poses=False) for r in outdated if r.run_id in specs}
+        kept = {r.run_id: _look_at(r, store.series_of(folder, r, poses=False)) for r in outdated if r.run_id in specs}
         for lossless in (False, True):
-            some = [r for r in outdated if r.run_id in specs and _is_lossless(r, series[r.run_id]) is lossless]
+            some = [r for r in outdated if r.run_id in specs and kept[r.run_id].lossless is lossless]
             if not some:
                 continue
             again = {r.run_id: _solve_once(specs[r.run_id], r) for r in some}
-            rows = {again[r.run_id].settings_id: _kept_rows(series[r.run_id]) for r in some}
+            rows = {again[r.run_id].settings_id: kept[r.run_id].rows for r in some}
             different = tuple({s.settings_id: s for s in again.values()}.values())
             suite = Suite("again", "finished runs solved again", different, "", plugins)
             there = place / ("lossless" if lossless else "thinned")
@@ -80,7 +80,7 @@ def measure_again(
             found = {r.settings_id: r for r in store.load(there, check_series=False).records}
             for record in some:
                 new = found.get(again[record.run_id].settings_id)
-                if why := _find_difference(record, series[record.run_id], new, there):
+                if why := _find_difference(record, kept[record.run_id].steps_sha256, new, there):
                     done.left.append((record, why))
                 elif new is not None:
                     own = codes.code_of(record.problem, record.solver, plugins)
@@ -108,14 +108,25 @@ def _solve_once(spec: RunSpec, record: RunRecord) -> RunSpec:
     return dataclasses.replace(limit_steps(spec, record), repeats=1, min_time=0.0)
 
 
-def _is_lossless(record: RunRecord, series: Series | None) -> bool:
-    """Whether its file keeps the states of every step."""
-    return series is not None and not series.is_brief and len(series.arrays.get("state_t", ())) == record.steps + 1
+@dataclass(frozen=True)
+class _Kept:
+    """What the series file of a run holds: nothing, where there is none."""
+
+    steps_sha256: str = ""  # of all its steps
+    lossless: bool = False  # the states of every step
+    rows: tuple[str, ...] | None = None  # series of a brief file, row by row
 
 
-def _kept_rows(series: Series | None) -> tuple[str, ...] | None:
-    """The names of the series that its brief file keeps row by row; None for a file of every step."""
-    if series is None or not series.is_brief:
+def _look_at(record: RunRecord, series: Series | None) -> _Kept:
+    if series is None:
+        return _Kept()
+    whole = not series.is_brief and len(series.arrays.get("state_t", ())) == record.steps + 1
+    return _Kept(series.steps_sha256, whole, _kept_rows(series))
+
+
+def _kept_rows(series: Series) -> tuple[str, ...] | None:
+    """The names of the series that a brief file keeps row by row; None for a file of every step."""
+    if not series.is_brief:
         return None
     whole = len(series["t"])
     other = (*(f"{kind}_" for kind in POSES), *OTHER)
@@ -123,17 +134,17 @@ def _kept_rows(series: Series | None) -> tuple[str, ...] | None:
     return (*kept, *((MARKS,) if MARKS in series.arrays else ()))
 
 
-def _find_difference(record: RunRecord, series: Series | None, new: RunRecord | None, there: Path) -> str:
+def _find_difference(record: RunRecord, steps: str, new: RunRecord | None, there: Path) -> str:
     """Say why the run that was solved again is not the one of the record; empty where it is."""
     if new is None:
         return "it has no result when solved again"
     again = store.series_of(there, new, poses=False)
-    if (series is None) != (again is None):
+    if (again is None) != (not record.series):
         return f"it is {new.status} when solved again"
-    if series is not None and again is not None and series.steps_sha256 != again.steps_sha256:
+    if again is not None and again.steps_sha256 != steps:
         return "its steps have other bits when solved again: it is another motion, run its suite again"
     ended_alike = (record.claimed, record.status) == (new.claimed, new.status)
-    return "" if series is not None or ended_alike else f"it is {new.status} when solved again"
+    return "" if again is not None or ended_alike else f"it is {new.status} when solved again"
 
 
 def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_id: str) -> RunRecord:
