@@ -398,8 +398,9 @@ class Problem:
             before, here, after = (pull(reaction[j], A(s[j])[:, self.joint]) / per for j in (k - 1, k, k + 1))
             left = 0.01 * np.maximum(norm(load / per).max(1, keepdims=True), self.mass * slow)
             sums.append((norm(here - load / per), left + norm(here - before) + norm(after - here)))
-        sums = [np.sum([both for both in zip(*pair, strict=True) if np.isfinite(both).all()], 0) for pair in sums]
-        return max(np.where(off > 0, off / left, 0).max() for off, left in sums)
+        known = [np.array([both for both in zip(*pair, strict=True) if np.isfinite(both).all()]) for pair in sums]
+        summed = [pairs.sum(0) for pairs in known if len(pairs)]
+        return max((np.where(off > 0, off / left, 0).max() for off, left in summed), default=0.0)
 
 
 class Run:

@@ -1,15 +1,13 @@
 """``remeasure``: finished runs measured again by the laws of this code."""
 
 import argparse
-import tempfile
-from pathlib import Path
 
 from ..harness.execution.again import name_run
 from ..harness.execution.remeasure import find_outdated, measure_again
 from ..harness.execution.runner import Request
 from ..harness.results import store
 from .arguments import UsageError, count_jobs, load_plugins
-from .progress import run_watched
+from .progress import announce, run_watched
 from .terminal import console, error_console, plural, print_json, print_unreadable
 
 NAMED = 20  # runs that are left as they are, in a list
@@ -25,14 +23,12 @@ def run(arguments: argparse.Namespace) -> int:
     outdated = find_outdated(records, plugins)
 
     def solve(request: Request) -> None:
-        seconds = sum(r.cpu_process_s for r in outdated if r.cpu_process_s > 0.0)
-        words = f"{plural(len(request.suite.specs), 'run')} of {folder}, solved once each"
-        took = f"; all {len(outdated)} took {seconds:.2g} s of CPU time" if seconds else ""
-        error_console().print(f"measuring again: {words}{took}", highlight=False)
-        run_watched(request, quiet=arguments.json, resumable=False)
+        run_watched(request, quiet=arguments.json, resumable=False, announces=False)
 
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
-        done = measure_again(folder, outdated, Path(place), count_jobs(arguments.jobs), solve, plugins)
+    seconds = sum(r.cpu_process_s for r in outdated if r.cpu_process_s > 0.0)
+    took = f", which took {seconds:.2g} s of CPU time" if seconds else ""
+    announce(f"{plural(len(outdated), 'run')} of {folder} to be solved once more and measured{took}", error_console())
+    done = measure_again(folder, outdated, count_jobs(arguments.jobs), solve, plugins)
     same = len(records) - len(outdated)
     if arguments.json:
         left = {r.run_id: why for r, why in done.left}

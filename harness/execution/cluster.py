@@ -28,7 +28,7 @@ from ..places import Place
 from ..results import codes, environment
 from ..results.records import RunRecord
 from ..results.series import LARGEST
-from ..results.store import PARTS, create, digest_of, read_record, record_in, write_record
+from ..results.store import PARTS, create, digest_of, read_record, record_in, remove_partial, write_record
 from ..suites.spec import RunSpec
 from ..types import EndedBy
 from .job import Job, cut_short
@@ -84,11 +84,14 @@ class DaskPool:
             raise PoolError(f"the cluster at {self.address} is gone: {error}; finished runs are kept") from None
         finally:
             client.close()
-        self._unbegun.check()
-        if self._foreign:
-            found = "; ".join(self._foreign[:5])
-            raise PoolError(f"files that are not of the run that wrote them were not taken: {found}; "
-                            "finished runs are kept, run again with --resume for the others")  # fmt: skip
+        found = "; ".join(self._foreign[:5])
+        foreign = f"files that are not of the run that wrote them were not taken: {found}" if found else ""
+        try:
+            self._unbegun.check()
+        except PoolError as error:
+            raise PoolError("; ".join(filter(None, (foreign, str(error))))) from None
+        if foreign:
+            raise PoolError(f"{foreign}; finished runs are kept, run again with --resume for the others")
 
     def _collect(self) -> None:
         import distributed
@@ -196,6 +199,7 @@ def run_run(text: str, ticket: str = "") -> Sent:
             _serving[ticket].remove(supervisor)
         if told.unbegun:
             return Sent(unbegun=told.unbegun)
+        remove_partial(local.folder)  # of a process that was killed while it wrote
         parts = {part: Place(local.folder) / part for part in PARTS}
         places = {f"{part}/{name}": place / name for part, place in parts.items() for name in place.names()}
         record = f"runs/{job.id}.json"

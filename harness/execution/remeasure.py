@@ -1,12 +1,18 @@
 """Finished runs measured again by the laws of this code: their motions are solved once more and have the same bits.
 
 A law that changes asks for no new motion. What a run cost, how it ended, and on which machine stay as they were noted;
-a note of the record says so. A run whose steps have other bits now is left as it is: it is another motion.
+a note of the record says so. A run whose steps have other bits now is left as it is: it is another motion. So is one
+whose solver, problem or clocks are other code than they were: its cost is not this code's.
 """
 
 import dataclasses
+import io
 import json
-from collections.abc import Callable, Mapping, Sequence
+import subprocess
+import tarfile
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +20,8 @@ from typing import Any
 from ..files import FileError
 from ..places import Place
 from ..results import codes, environment, store
+from ..results.codes import COSTS, Sources
+from ..results.provenance import stamp_of
 from ..results.provisional import files_of
 from ..results.records import RunRecord
 from ..results.series import LARGEST, MARKS, OTHER, POSES, Series, name_file
@@ -31,6 +39,7 @@ KEPT = (
     "cpu_import_s", "cpu_refuses_s", "cpu_process_s", "wall_s", "peak_memory_MB", "environment", "finished",
 )  # fmt: skip
 WHY = "its motion was measured again by later code"
+AT_ONCE = 50  # runs that are solved before the first of them is replaced: an interruption loses no more
 
 
 @dataclass
@@ -41,60 +50,134 @@ class Remeasured:
     left: list[tuple[RunRecord, str]] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class _Kept:
+    """What the series file of a run holds: nothing, where there is none."""
+
+    steps_sha256: str = ""  # of all its steps
+    lossless: bool = False  # the states of every step
+    rows: tuple[str, ...] | None = None  # series of a brief file, row by row
+
+
 def find_outdated(records: Sequence[RunRecord], plugins: tuple[str, ...] = ()) -> list[RunRecord]:
     """List the runs that other code has measured."""
     return [r for r in records if r.code != codes.code_of(r.problem, r.solver, plugins)]
 
 
 def measure_again(
-    folder: Path, outdated: Sequence[RunRecord], place: Path, jobs: int, run: Callable[[Request], object],
+    folder: Path, outdated: Sequence[RunRecord], jobs: int, run: Callable[[Request], object],
     plugins: tuple[str, ...] = (),
 ) -> Remeasured:  # fmt: skip
-    """Solve the ``outdated`` runs of ``folder`` in the new folder ``place`` by ``run``, and put their measures there.
+    """Solve the ``outdated`` runs of ``folder`` again by ``run``, and put their measures in the place of the old ones.
 
     Plugins of the runs must be loaded. FileError where another command writes to the folder.
     """
     done = Remeasured()
     with store.lock(folder):
-        asked = _list_asked(folder, plugins)
-        specs = dict[str, RunSpec]()
-        for record in outdated:
-            if record.series and not record.claimed:
-                done.left.append((record, "its process was ended before its solver returned: run its suite again"))
-                continue
-            try:
-                specs[record.run_id] = asked.get(record.settings_id) or rebuild_spec(record)
-            except ValueError as error:
-                done.left.append((record, str(error)))
-        kept = {r.run_id: _look_at(r, store.series_of(folder, r, poses=False)) for r in outdated if r.run_id in specs}
-        for lossless in (False, True):
-            some = [r for r in outdated if r.run_id in specs and kept[r.run_id].lossless is lossless]
-            if not some:
-                continue
-            again = {r.run_id: _solve_once(specs[r.run_id], r) for r in some}
-            rows = {again[r.run_id].settings_id: kept[r.run_id].rows for r in some}
-            different = tuple({s.settings_id: s for s in again.values()}.values())
-            suite = Suite("again", "finished runs solved again", different, "", plugins)
-            there = place / ("lossless" if lossless else "thinned")
-            run(Request(suite, there, jobs, lossless=lossless, keep=_look_up(rows)))
-            found = {r.settings_id: r for r in store.load(there, check_series=False).records}
-            for record in some:
-                new = found.get(again[record.run_id].settings_id)
-                if why := _find_difference(record, kept[record.run_id].steps_sha256, new, there):
-                    done.left.append((record, why))
-                elif new is not None:
-                    own = codes.code_of(record.problem, record.solver, plugins)
-                    done.records.append(_replace(folder, record, there, new, specs[record.run_id].address(own)))
+        asked, specs = _list_asked(folder, plugins), dict[str, RunSpec]()
+        with open_sources() as sources_of:
+            for record in outdated:
+                try:
+                    _check_origin(folder, record, plugins, sources_of)
+                    specs[record.run_id] = _find_spec(record, asked)
+                except ValueError as error:
+                    done.left.append((record, str(error)))
+        some = [r for r in outdated if r.run_id in specs]
+        for k in range(0, len(some), AT_ONCE):
+            with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+                _measure_some(folder, some[k : k + AT_ONCE], specs, Path(place), jobs, run, plugins, done)
         store.write_table(folder, store.newest(store.load(folder, check_series=False).records))
     return done
 
 
+def _measure_some(
+    folder: Path, some: Sequence[RunRecord], specs: Mapping[str, RunSpec], place: Path, jobs: int,
+    run: Callable[[Request], object], plugins: tuple[str, ...], done: Remeasured,
+) -> None:  # fmt: skip
+    """Solve these runs in the new folder ``place``, and replace each that has the same bits."""
+    kept = {r.run_id: _look_at(r, store.series_of(folder, r, poses=False)) for r in some}
+    for lossless in (False, True):
+        alike = [r for r in some if kept[r.run_id].lossless is lossless]
+        if not alike:
+            continue
+        again = {r.run_id: _solve_once(specs[r.run_id], r) for r in alike}
+        rows = {again[r.run_id].settings_id: kept[r.run_id].rows for r in alike}
+        different = tuple({s.settings_id: s for s in again.values()}.values())
+        suite = Suite("again", "finished runs solved again", different, "", plugins)
+        there = place / ("lossless" if lossless else "thinned")
+        run(Request(suite, there, jobs, lossless=lossless, keep=_look_up(rows)))
+        found = {r.settings_id: r for r in store.load(there, check_series=False).records}
+        for record in alike:
+            new = found.get(again[record.run_id].settings_id)
+            if why := _find_difference(record, kept[record.run_id].steps_sha256, new, there):
+                done.left.append((record, why))
+            elif new is not None:
+                own = codes.code_of(record.problem, record.solver, plugins)
+                done.records.append(_replace(folder, record, there, new, specs[record.run_id].address(own)))
+
+
+@contextmanager
+def open_sources() -> Iterator[Callable[[str], Sources]]:
+    """Give a function that reads the code of a commit, once each; ValueError where the commit is not to be had."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
+        known = dict[str, Sources]()
+
+        def read(commit: str) -> Sources:
+            if not commit:
+                raise ValueError("its commit is not known: run its suite again")
+            if commit not in known:
+                call = ("git", "archive", "--format=tar", commit)
+                try:
+                    done = subprocess.run(call, cwd=environment.ROOT, capture_output=True, check=True)
+                except (OSError, subprocess.CalledProcessError):  # no git, or no such commit
+                    raise ValueError(f"commit {commit} of its code is not here: run its suite again") from None
+                root = Path(place) / commit
+                with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
+                    archive.extractall(root, filter="data")
+                known[commit] = Sources(root)
+            return known[commit]
+
+        yield read
+
+
+def _check_origin(
+    folder: Path, record: RunRecord, plugins: tuple[str, ...], sources_of: Callable[[str], Sources]
+) -> None:
+    """ValueError where the run cannot be measured again: its process was ended, or more than laws is other code."""
+    if record.series and not record.claimed:
+        raise ValueError("its process was ended before its solver returned: run its suite again")
+    name = f"environment.{record.environment}.json"
+    stamp = stamp_of(folder, name if (Place(folder) / name).is_own_file() else "environment.json")
+    made_with = sorted(Path(str(p)).name for p in stamp.get("plugins", ()))
+    if made_with != sorted(Path(p).name for p in plugins):
+        asked = " ".join(f"--plugin {name}" for name in made_with)
+        raise ValueError(f"it was made {f'with {asked}' if asked else 'without plugins'}: give the same")
+    then, now = sources_of(record.commit), codes.package_sources()
+    changed = [what for what, old, new in (
+        ("its solver", then.solvers.get(record.solver), now.solvers.get(record.solver)),
+        ("its problem", then.problems.get(record.problem), now.problems.get(record.problem)),
+        ("what counts its cost", then.of(*COSTS), now.of(*COSTS)),
+    ) if old != new]  # fmt: skip
+    if changed:
+        raise ValueError(f"{' and '.join(changed)} is other code now, and its cost would be another: run it again")
+
+
+def _find_spec(record: RunRecord, asked: Mapping[str, RunSpec]) -> RunSpec:
+    """The run with its limits, as the folder's own suite has it; without a suite, from its record."""
+    if not asked:
+        return rebuild_spec(record)
+    if record.settings_id not in asked:
+        raise ValueError("it is not of the suite that the folder keeps a copy of: run its own suite again")
+    return asked[record.settings_id]
+
+
 def _look_up(rows: Mapping[str, tuple[str, ...] | None]) -> Callable[[RunSpec], tuple[str, ...] | None]:
+    """Return a function that gives the rows of a run."""
     return lambda spec: rows[spec.settings_id]
 
 
 def _list_asked(folder: Path, plugins: tuple[str, ...]) -> Mapping[str, RunSpec]:
-    """The runs of the suite that the folder keeps a copy of, with their limits, by ``settings_id``."""
+    """List the runs of the suite that the folder keeps a copy of, with their limits, by ``settings_id``."""
     copy = Place(folder) / f"{OWN_COPY}.toml"
     if not copy.is_own_file():
         return {}
@@ -108,24 +191,16 @@ def _solve_once(spec: RunSpec, record: RunRecord) -> RunSpec:
     return dataclasses.replace(limit_steps(spec, record), repeats=1, min_time=0.0)
 
 
-@dataclass(frozen=True)
-class _Kept:
-    """What the series file of a run holds: nothing, where there is none."""
-
-    steps_sha256: str = ""  # of all its steps
-    lossless: bool = False  # the states of every step
-    rows: tuple[str, ...] | None = None  # series of a brief file, row by row
-
-
 def _look_at(record: RunRecord, series: Series | None) -> _Kept:
+    """Note what of a series is to be kept again."""
     if series is None:
         return _Kept()
     whole = not series.is_brief and len(series.arrays.get("state_t", ())) == record.steps + 1
-    return _Kept(series.steps_sha256, whole, _kept_rows(series))
+    return _Kept(series.steps_sha256, whole, _list_rows(series))
 
 
-def _kept_rows(series: Series) -> tuple[str, ...] | None:
-    """The names of the series that a brief file keeps row by row; None for a file of every step."""
+def _list_rows(series: Series) -> tuple[str, ...] | None:
+    """List the series that a brief file keeps row by row; None for a file of every step."""
     if not series.is_brief:
         return None
     whole = len(series["t"])
@@ -139,16 +214,15 @@ def _find_difference(record: RunRecord, steps: str, new: RunRecord | None, there
     if new is None:
         return "it has no result when solved again"
     again = store.series_of(there, new, poses=False)
-    if (again is None) != (not record.series):
+    if (again is None) != (not record.series) or record.claimed != new.claimed:
         return f"it is {new.status} when solved again"
     if again is not None and again.steps_sha256 != steps:
         return "its steps have other bits when solved again: it is another motion, run its suite again"
-    ended_alike = (record.claimed, record.status) == (new.claimed, new.status)
-    return "" if again is not None or ended_alike else f"it is {new.status} when solved again"
+    return "" if again is not None or record.status == new.status else f"it is {new.status} when solved again"
 
 
 def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_id: str) -> RunRecord:
-    """Put the measures of ``new`` in the place of those of ``record``; the files of that are set aside."""
+    """Put the measures of ``new`` in the place of those of ``record``; the files of that are set aside first."""
     judged = record.claimed == Status.SUCCESS
     status: dict[str, Any] = {} if judged else {"status": record.status, "wrong_because": "[]"}
     note = f"measured again by code {new.code}; solved and timed by code {record.code}"
@@ -163,6 +237,7 @@ def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_i
         new, **{name: getattr(record, name) for name in KEPT}, **status, **files, run_id=run_id,
         notes=json.dumps([*json.loads(new.notes), note]), commit=environment.commit(),
     )  # fmt: skip
-    store.write_record(folder, found)
     store.set_aside(folder, files_of(folder, record, WHY))
+    store.admit(folder, run_id)
+    store.write_record(folder, found)
     return found

@@ -21,7 +21,7 @@ def find_false_successes(records: Iterable[RunRecord], symmetries: Iterable[Symm
     """One a run: the reasons on its record, and the symmetries that it breaks."""
     broken: dict[str, list[Reason]] = {}
     records = list(records)
-    error_of = {r.settings_id: r.motion_error_max_m for r in records}
+    error_of = {r.settings_id: r.motion_error_judged_m for r in records if r.judged_to_s >= JUDGED * r.t_end_s}
     for s in symmetries:
         if s.verdict == "broken" and not s.deviation <= error_of.get(s.settings_ids[-1], math.nan):
             reason = Reason(Law.SYMMETRY, s.deviation, s.bound, s.unit, name=s.title)

@@ -53,9 +53,11 @@ def stops_in_start_up(record: RunRecord) -> bool:
 def by_open_joint(record: RunRecord) -> bool:
     """Whether the guard that the solvers with error control share ended it: joints open by the length of their arms.
 
-    It calls such a run diverged, or singular where the rows were nearly dependent; ODE-GC has no such guard.
+    It calls such a run diverged, or singular where the rows were nearly dependent. Solvers of fixed steps have no such
+    guard: what is no longer finite there is their own doing.
     """
-    if reached_end(record) or record.status not in (Status.DIVERGED, Status.SINGULAR) or math.isnan(record.phi_end):
+    stopped = record.status in (Status.DIVERGED, Status.SINGULAR) and not reached_end(record)
+    if not stopped or record.control == "dt" or math.isnan(record.phi_end):
         return False
     return bool(record.phi_end > _longest_arm(record.problem, record.problem_parameters))
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ....harness.results.judgements.files import CLAIMS, PUBLISHED
-from ....harness.results.misleading import misleads
 from ....harness.results.records import reasons_of
 from ....harness.results.reproduce import write_command
 from ...mechanism.stage import moment
@@ -82,7 +81,7 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
 
 def false_successes(results: Results, label: str) -> tuple[list[dict[str, Any]], int]:
     """The farthest over its limit of each solver, code of others and plain settings first; how many are wrong here."""
-    wrong = [c for c in results.runs if misleads(c.record)]
+    wrong = [c for c in results.runs if c.status == "wrong"]
     engines = any(is_engine(s) for s in results.solvers)
     published = () if engines else read_results(ENGINES).runs  # made elsewhere, with engines that these results lack
 

@@ -112,8 +112,11 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     assert [e.settings_id for e in found] == [planted.settings_id]
     assert [(b.law, b.name) for b in found[0].because] == [(Law.SYMMETRY, "mirror image")]
     assert find_false_successes(records, check_symmetries(folder, records)) == ()
-    off = [dataclasses.replace(r, motion_error_max_m=2.0 * entry.deviation) for r in told_of]
+    own = {"motion_error_judged_m": 2.0 * entry.deviation}
+    off = [dataclasses.replace(r, **own, judged_to_s=r.t_end_s) for r in told_of]
     assert find_false_successes(off, check_symmetries(folder, told_of)) == ()  # below the run's own error
+    early = [dataclasses.replace(r, **own, judged_to_s=0.5 * r.t_end_s) for r in told_of]
+    assert len(find_false_successes(early, check_symmetries(folder, told_of))) == 1  # of which nobody knows the end
 
 
 def test_refusals_failures_and_missing_ways_back_are_distinguished(folder, told):
