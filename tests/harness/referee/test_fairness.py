@@ -75,6 +75,7 @@ def test_the_guard_is_told_by_the_joint():
     assert classify_ending(bare(**ends | APART)) is Ending.APART
     assert not by_open_joint(bare(**ends | APART | {"phi_end": 0.4}))
     assert not by_open_joint(bare(**ends | APART | {"status": "step_underflow"}))
+    assert not by_open_joint(bare(**ends | APART | {"control": "dt"}))  # fixed steps have no guard: it is their doing
     assert not by_open_joint(bare(**ends | APART | {"phi_end": math.nan}))
     assert not by_open_joint(bare(**ends | APART | {"t_reached_s": 10.0}))
 
