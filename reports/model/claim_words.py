@@ -1,7 +1,16 @@
 """The grounds of a judged claim in words: made here for the command, the pages and the captions alike."""
 
 from ...harness.results.judgements import claims as judged
-from .condition_words import condition, decision, describe_condition, setting, spell_out, value
+from .condition_words import (
+    condition,
+    decision,
+    describe_chosen,
+    describe_condition,
+    is_chosen,
+    setting,
+    spell_out,
+    value,
+)  # fmt: skip
 from .words import join_words, number, plural, unit
 
 __all__ = ["condition", "decision", "setting", "spell_out", "value"]  # pages say them by this module, too
@@ -78,7 +87,7 @@ def verdict(f: judged.Finding) -> str:
         why = (f"{plural(x.settings, 'setting')}: {LEFT_OUT[x.why]}" for x in f.left_out)
         return f"{f.verdict}, because no setting counts ({'; '.join(why)})"
     if f.verdict is judged.Verdict.REPRODUCED_IF and f.decision:
-        return describe_condition(f.decision)
+        return describe_chosen(f.decision) if is_chosen(f) else describe_condition(f.decision)
     if f.verdict is judged.Verdict.REPRODUCED and f.decision:
         return f"{f.verdict}: there are such {describe_condition(f.decision).removeprefix('reproduced ')}"
     return str(f.verdict)
@@ -165,10 +174,11 @@ def _describe_finding(c: judged.Claim, where: str, f: judged.Finding) -> list[st
     if f.stopped:
         out.append(f"in {f.stopped} of these {f.holds} because a run stopped before its end")
     if f.decision:
-        words = decision(f.decision)
+        all_at = f"every setting meets it at {condition(f.decision)}, and each at others" if is_chosen(f) else ""
+        words = all_at or decision(f.decision)
         out.append(f"{words} (settings of equal series counted each)" if f.rows > f.settings else words)
     for m in f.borderline:
-        said = f"with a band {FACTOR} times {m.by} ({metric(c.tests[m.test])}) {m.verdict}, {m.holds} of {m.settings}"
+        said = f"with a band {FACTOR} times {m.by} ({metric(c.tests[m.test])}) it holds for {m.holds} of {m.settings}"
         out.append(f"borderline: {said}")
     return out + [
         f"{plural(x.settings, 'setting is', 'settings are')} left out {where}: {LEFT_OUT[x.why]}" for x in f.left_out

@@ -44,6 +44,16 @@ def describe_condition(d: judged.Decision) -> str:
     return f"reproduced if {', or if '.join(terms)}{more}"
 
 
+def is_chosen(f: judged.Finding) -> bool:
+    """Whether every setting meets a claim at some value of a dimension of which one value suffices."""
+    return bool(f.met and f.decision and f.decision.by and f.holds == f.settings)
+
+
+def describe_chosen(d: judged.Decision) -> str:
+    """``reproduced if the tolerance may be chosen, all at tolerance 0.1``."""
+    return f"reproduced if the {spell_out(next(iter(d.by)))} may be chosen, all at {condition(d)}"
+
+
 def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[judged.Value]]]:
     """The conditions, those that differ in the value of one dimension as one with both values."""
     out: list[dict[str, list[judged.Value]]] = []

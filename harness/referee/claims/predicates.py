@@ -61,8 +61,15 @@ def _ratio(above: float, below: float) -> float:
 
 
 def _worst_step(values: Sequence[float]) -> float:
-    """Largest ratio of a value to the one before: below 1, each is smaller than the last. NaN as soon as one is."""
-    return float(np.max([_ratio(b, a) for a, b in pairwise(values)])) if len(values) > 1 else NAN
+    """Largest ratio of a value to the one before: below 1, each is smaller than the last.
+
+    Two failures beside each other cannot be compared, and could only make it larger: where the others leave it below 1,
+    nothing is known.
+    """
+    ratios = [_ratio(b, a) for a, b in pairwise(values)]
+    known = [r for r in ratios if not math.isnan(r)]
+    worst = max(known, default=NAN)
+    return worst if len(known) == len(ratios) or worst >= 1.0 else NAN
 
 
 def _of_all(function: Callable[[Sequence[float]], float]) -> Callable[[Sequence[float]], float]:

@@ -94,6 +94,9 @@ def test_bands(low, high, value, holds):
         ("last over first", [0.0, 0.0], 1.0),
         ("last over first", [INF, INF], NAN),
         ("worst step", [INF, INF, 1.0], NAN),
+        ("worst step", [1.0, INF, INF], INF),  # it ended, then it did not: two failures after that take nothing back
+        ("worst step", [1.0, 2.0, INF, INF], INF),
+        ("worst step", [4.0, 2.0], 0.5),
         ("last over first", [1.0, INF], INF),
         ("last over first", [INF, 1.0], 0.0),
         ("worst step", [4.0, 2.0, 3.0, 1.0], 1.5),
