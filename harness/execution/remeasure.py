@@ -132,7 +132,7 @@ def open_sources() -> Iterator[Callable[[str], Sources]]:
                 except (OSError, subprocess.CalledProcessError):  # no git, or no such commit
                     raise ValueError(f"commit {commit} of its code is not here: run its suite again") from None
                 root = Path(place) / commit
-                with tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
+                with tarfile.TarFile(fileobj=io.BytesIO(done.stdout)) as archive:
                     archive.extractall(root, filter="data")
                 known[commit] = Sources(root)
             return known[commit]

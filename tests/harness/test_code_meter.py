@@ -175,6 +175,7 @@ def test_processes_that_make_code_have_an_allowance_for_it():
         ("fmu", "LIMIT"),  # native code that its author has compiled
         ("submission", "CPU_LIMIT"),  # a submission's limit holds for all (docs/trust.md)
         ("clouds", "100000000.0"),  # no limit
+        ("bundling", "CHECK_LIMIT"),  # the checker, which makes no code
     }
 
 
