@@ -92,7 +92,9 @@ def test_conditions_are_worded_with_counts():
     assert "always with gain 0 (6 of 6)" in mixed.lower() and "gain matters most: gain 0 6 of 6" in mixed
     assert "settings are left out beyond them: the limit on steps ended them" in mixed
     assert "At the paper's settings it holds for none of 1 tried. Beyond them it holds for" in mixed
-    assert "distinct of" in mixed and "Borderline: with a band 1.5 times wider (largest [series x]) it holds for" in mixed
+    assert (
+        "distinct of" in mixed and "Borderline: with a band 1.5 times wider (largest [series x]) it holds for" in mixed
+    )
 
 
 def test_what_is_missing_is_named():
