@@ -8,7 +8,6 @@ whose solver, problem or clocks are other code than they were: its cost is not t
 import dataclasses
 import io
 import json
-import subprocess
 import tarfile
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -123,16 +122,10 @@ def open_sources() -> Iterator[Callable[[str], Sources]]:
         known = dict[str, Sources]()
 
         def read(commit: str) -> Sources:
-            if not commit:
-                raise ValueError("its commit is not known: run its suite again")
             if commit not in known:
-                call = ("git", "archive", "--format=tar", commit)
-                try:
-                    done = subprocess.run(call, cwd=environment.ROOT, capture_output=True, check=True)
-                except (OSError, subprocess.CalledProcessError):  # no git, or no such commit
-                    raise ValueError(f"commit {commit} of its code is not here: run its suite again") from None
+                content = io.BytesIO(environment.archive_commit(commit))
                 root = Path(place) / commit
-                with tarfile.TarFile(fileobj=io.BytesIO(done.stdout)) as archive:
+                with tarfile.TarFile(fileobj=content) as archive:
                     archive.extractall(root, filter="data")
                 known[commit] = Sources(root)
             return known[commit]
@@ -143,12 +136,13 @@ def open_sources() -> Iterator[Callable[[str], Sources]]:
 def _check_origin(
     folder: Path, record: RunRecord, plugins: tuple[str, ...], sources_of: Callable[[str], Sources]
 ) -> None:
-    """ValueError where the run cannot be measured again: its process was ended, or more than laws is other code."""
+    """Raise ValueError where a run cannot be measured again: its process was ended, or more than laws is other code."""
     if record.series and not record.claimed:
         raise ValueError("its process was ended before its solver returned: run its suite again")
     name = f"environment.{record.environment}.json"
     stamp = stamp_of(folder, name if (Place(folder) / name).is_own_file() else "environment.json")
-    made_with = sorted(Path(str(p)).name for p in stamp.get("plugins", ()))
+    named = stamp.get("plugins")
+    made_with = sorted(Path(str(p)).name for p in named) if isinstance(named, list) else []
     if made_with != sorted(Path(p).name for p in plugins):
         asked = " ".join(f"--plugin {name}" for name in made_with)
         raise ValueError(f"it was made {f'with {asked}' if asked else 'without plugins'}: give the same")
@@ -163,7 +157,7 @@ def _check_origin(
 
 
 def _find_spec(record: RunRecord, asked: Mapping[str, RunSpec]) -> RunSpec:
-    """The run with its limits, as the folder's own suite has it; without a suite, from its record."""
+    """Return the run with its limits, as the folder's own suite has it; without a suite, from its record."""
     if not asked:
         return rebuild_spec(record)
     if record.settings_id not in asked:

@@ -7,6 +7,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
@@ -19,6 +20,7 @@ from .. import machine
 ROOT = Path(__file__).resolve().parents[2]
 LOCK = ROOT / "requirements.lock"
 BLAS = ("internal_api", "version", "num_threads", "architecture")  # of a library, as threadpoolctl names them
+COMMIT = re.compile(r"[0-9a-f]{7,64}")  # its digest, or the first digits
 SHAPING = ("harness", "problems", "solvers")  # folders with code that a run's numbers come from
 PLATFORM = (  # numbers may depend on these; on the processor only where nothing is pinned
     "python", "implementation", "packages", "cpu", "machine", "blas", "simd", "llvm", "libc", "threads",
@@ -79,8 +81,21 @@ def text_of(value: Any) -> str:
 
 
 def list_changed_files(before: str, after: str) -> list[str]:
-    """Files that shape results and differ between two commits of this checkout; empty if one is not known here."""
+    """List the files that shape results and differ between two commits; empty if one is not known in this checkout."""
+    if not all(map(COMMIT.fullmatch, (before, after))):  # of a stamp, which may say anything: no option of git
+        return []
     return _git("diff", "--name-only", before, after, "--", LOCK.name, *SHAPING).splitlines()
+
+
+def archive_commit(commit: str) -> bytes:
+    """Return the files of a commit of this checkout as a TAR archive; ValueError where it is not known here."""
+    call = ("git", "archive", "--format=tar", commit)
+    try:
+        if COMMIT.fullmatch(commit):
+            return subprocess.run(call, cwd=ROOT, capture_output=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):  # no git, or no such commit
+        pass
+    raise ValueError(f"commit {commit[:64]!r} of its code is not here: run its suite again")
 
 
 def now(*, fine: bool = False) -> str:

@@ -11,7 +11,7 @@ import pytest
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution import remeasure
 from mbsbench.harness.execution.begun import Begun
-from mbsbench.harness.results import codes, store
+from mbsbench.harness.results import codes, environment, store
 from mbsbench.harness.results.comparison import METRICS
 
 from ..conftest import PLUGIN, run_in
@@ -192,12 +192,15 @@ def test_an_interruption_keeps_what_is_done(tmp_path, monkeypatch, other_code):
     assert not before & {r.run_id for r in read(folder).values()}
 
 
-def test_the_code_of_a_commit_is_read_once():
+def test_the_code_of_a_commit_is_read_once(tmp_path):
     """Its digests are those of its files; an unknown commit is refused in words."""
     with remeasure.open_sources() as sources_of:
-        then = sources_of("HEAD")
-        assert then is sources_of("HEAD") and then.root != codes.package_sources().root
+        head = environment.commit().removesuffix("+dirty")
+        then = sources_of(head)
+        assert then is sources_of(head) and then.root != codes.package_sources().root
         assert then.solvers.keys() and then.of(*codes.COSTS)
-        for commit in ("", "1" * 40, "HEAD+dirty"):
+        for commit in ("", "1" * 40, f"{head}+dirty", "HEAD", f"--output={tmp_path}/written", "../outside"):
             with pytest.raises(ValueError, match="run its suite again"):
                 sources_of(commit)
+            assert environment.list_changed_files(commit, head) == []
+    assert not list(tmp_path.iterdir())  # what a results folder says is no option of git
